@@ -1,0 +1,45 @@
+//! What every source of frames is to the rest of the system.
+
+use orime_geometry::{RgbdCamera, RgbdFrameMut, SheetGrid};
+
+/// What reading one frame took.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct FrameReport {
+    /// Whole-image copies made on the way into the given buffers (0 when decoded in place).
+    pub copies: u32,
+}
+
+/// Why one frame could not be read; the source itself lives on.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum FrameError {
+    /// The file, its decoding or its size is at fault.
+    #[error("{0}")]
+    Unreadable(String),
+}
+
+/// A source of RGB-D frames: rendered, recorded or live.
+pub trait FrameSource: Send {
+    /// The cameras, in the order of their indices; constant over the source's life.
+    fn cameras(&self) -> &[RgbdCamera];
+
+    /// Number of frame sets, or `None` for an endless source.
+    fn steps(&self) -> Option<u64>;
+
+    /// Exposure time of `camera` at `step` in the source's own clock, nanoseconds.
+    ///
+    /// Strictly increasing over `step` for each camera.
+    fn exposure_ns(&self, step: u64, camera: usize) -> u64;
+
+    /// Writes one frame in place. On an error the buffers' contents are unspecified.
+    fn read(
+        &mut self,
+        step: u64,
+        camera: usize,
+        frame: RgbdFrameMut<'_>,
+    ) -> Result<FrameReport, FrameError>;
+
+    /// Writes where the sheet's nodes truly are at `step`, world frame, metres, index order of
+    /// `sheet`; `false` where the source does not know.
+    fn truth_m(&self, step: u64, sheet: &SheetGrid, nodes_m: &mut [[f32; 3]]) -> bool;
+}

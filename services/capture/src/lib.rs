@@ -1,5 +1,14 @@
 //! `capture`: sources of RGB-D frames behind one trait, each writing its pixels in place.
 
+mod folder;
+mod open;
+mod params;
+mod playback;
+mod rendered;
 mod source;
 
+pub use folder::{FolderConfig, FolderParams};
+pub use open::{OpenError, open};
+pub use params::{CaptureConfig, CaptureParams, SourceConfig, SourceKind};
+pub use rendered::{RenderedConfig, RenderedParams, ViewParams};
 pub use source::{FrameError, FrameReport, FrameSource};

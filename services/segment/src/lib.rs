@@ -1,24 +1,31 @@
 //! `segment`: RGB-D frames in, observed cloud and contour out. Knows no process, clock or file.
+//!
+//! The pixels' story, per camera (`camera`): the sheet's colours are learnt (`learn`) into a
+//! table (`color_model`) that classifies pixels; the mask is opened and closed (`bits`) and split
+//! (`components`); depth pixels whose colour pixel lies in the mask (`depth`) are cut at steps
+//! (`steps`) into patches, of which those that can be the sheet are chosen (`select`); what is
+//! near an occluder (`occluders`) is dropped; the rest is averaged (`voxels`). The mask's outline
+//! becomes edgels (`contour`, `inner_edge`).
 
+mod bits;
+mod camera;
+mod color_model;
+mod components;
+mod contour;
+mod depth;
+mod inner_edge;
+mod learn;
+mod occluders;
+mod params;
+mod select;
+mod steps;
+mod voxels;
+
+pub use params::{SegmentConfig, SegmentParams};
+
+use camera::{CameraSegmenter, Outcome};
 use orime_geometry::{Edgel, ObservedPoint, RgbdCamera, RgbdFrame, SheetGrid};
-use orime_params::Problem;
-use serde::{Deserialize, Serialize};
-
-/// The `[segment]` section of a set.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct SegmentParams {}
-
-impl SegmentParams {
-    /// Checks the section; every problem at once.
-    pub fn check(&self) -> Result<SegmentConfig, Vec<Problem>> {
-        Ok(SegmentConfig {})
-    }
-}
-
-/// Checked [`SegmentParams`].
-#[derive(Debug, Clone)]
-pub struct SegmentConfig {}
+use rayon::prelude::*;
 
 /// Where a segmentation is written: the caller's memory, filled from the front.
 #[derive(Debug)]
@@ -40,26 +47,83 @@ pub struct SegmentReport {
     pub cameras_without_sheet: u32,
     /// Cameras whose frame was missing or had the wrong size.
     pub cameras_without_frame: u32,
-    /// Points that did not fit into the caller's memory.
+    /// Points that did not fit into the caller's memory; those written are spread evenly.
     pub points_left_out: u32,
+    /// Edgels that did not fit into the caller's memory; those written are spread evenly.
+    pub edgels_left_out: u32,
+    /// Depth pixels on the sheet that were dropped because a camera's cells were all taken.
+    pub pixels_left_out: u32,
 }
 
 /// Segments frame sets; remembers the colour model of the sheet per camera.
 #[derive(Debug)]
-pub struct Segmenter {}
+pub struct Segmenter {
+    cameras: Vec<(CameraSegmenter, Outcome)>,
+}
 
 impl Segmenter {
     /// A segmenter for these cameras, which has not seen the sheet yet.
-    pub fn new(_config: &SegmentConfig, _cameras: &[RgbdCamera], _sheet: &SheetGrid) -> Self {
-        Self {}
+    pub fn new(config: &SegmentConfig, cameras: &[RgbdCamera], sheet: &SheetGrid) -> Self {
+        let start = |(index, camera): (usize, &RgbdCamera)| {
+            let segmenter = CameraSegmenter::new(index, camera, &config.params, sheet);
+            (segmenter, Outcome::NoFrame)
+        };
+        Self { cameras: cameras.iter().enumerate().map(start).collect() }
     }
 
     /// Segments one frame set; `frames[k]` belongs to camera `k`, `None` where it is missing.
     pub fn segment(
         &mut self,
-        _frames: &[Option<RgbdFrame<'_>>],
-        _out: ObservedMut<'_>,
+        frames: &[Option<RgbdFrame<'_>>],
+        out: ObservedMut<'_>,
     ) -> SegmentReport {
-        SegmentReport::default()
+        self.cameras.par_iter_mut().enumerate().for_each(|(k, (camera, outcome))| {
+            *outcome = camera.segment(frames.get(k).copied().flatten());
+        });
+        let mut report = SegmentReport::default();
+        let counted = |wanted| self.cameras.iter().filter(|(_, o)| *o == wanted).count() as u32;
+        report.cameras_without_sheet = counted(Outcome::NoSheet);
+        report.cameras_without_frame = counted(Outcome::NoFrame);
+        report.pixels_left_out = self.cameras.iter().map(|(c, _)| c.voxels.left_out).sum();
+
+        let cameras = || self.cameras.iter().map(|(camera, _)| camera);
+        let total = cameras().map(|camera| camera.voxels.len()).sum();
+        let points = cameras().flat_map(|c| (0..c.voxels.len()).map(move |k| (c, k)));
+        report.points = thin(points, total, out.points, |(camera, k)| camera.point(k));
+        report.points_left_out = (total - report.points) as u32;
+
+        let total = cameras().map(|camera| camera.edgels.len()).sum();
+        let edgels = cameras().flat_map(|camera| &camera.edgels);
+        report.edgels = thin(edgels, total, out.edgels, |edgel| *edgel);
+        let not_traced: u32 = cameras().map(|camera| camera.edgels_left_out).sum();
+        report.edgels_left_out = (total - report.edgels) as u32 + not_traced;
+        report
     }
+
+    /// Whether pixel `(x, y)` of a camera's colour image showed the sheet in the last frame.
+    /// False outside the image and where there is no such camera.
+    pub fn is_sheet(&self, camera: usize, x: u32, y: u32) -> bool {
+        let Some((camera, _)) = self.cameras.get(camera) else { return false };
+        let mask = camera.mask();
+        let inside = (x as usize) < mask.width && (y as usize) < mask.height;
+        inside && mask.get(x as usize, y as usize)
+    }
+}
+
+/// Writes as many of `total` items as fit, evenly spread, and returns their number.
+fn thin<T, U>(
+    items: impl Iterator<Item = T>,
+    total: usize,
+    out: &mut [U],
+    write: impl Fn(T) -> U,
+) -> usize {
+    let room = out.len().min(total);
+    let mut written = 0;
+    for (k, item) in items.enumerate() {
+        if (k + 1) * room / total > written {
+            out[written] = write(item);
+            written += 1;
+        }
+    }
+    written
 }

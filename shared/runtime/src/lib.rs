@@ -1,1 +1,38 @@
-//! runtime
+//! Channels, set files, clock and lifecycle: all that knows of processes.
+//!
+//! The only crate that depends on iceoryx2. A process of a set is a [`Service`]: it reads its
+//! section of the [`SetFile`], opens its channels, says that it is ready, and works until its
+//! input ends or it is asked to stop. Everything a run leaves on the machine bears its
+//! [`RunId`]'s prefix or lies in its directory, and [`clean`] removes exactly that.
+
+pub mod channel;
+mod clock;
+mod error;
+mod guest;
+mod inbox;
+mod link;
+mod memory;
+mod publish;
+mod recorder;
+mod run;
+mod service;
+mod set_file;
+mod stop;
+mod subscribe;
+#[cfg(test)]
+mod tests;
+mod wire;
+
+pub use channel::Pace;
+pub use clock::now_ns;
+pub use error::RuntimeError;
+pub use guest::Guest;
+pub use link::{Identity, Link};
+pub use memory::{free_bytes, needed_bytes};
+pub use publish::{FramePublisher, FrameWritten, Publisher, Sent};
+pub use recorder::{Recorder, Work};
+pub use run::{RunId, SHARED_MEMORY_DIR, clean, make_private_dir, shared_memory_of};
+pub use service::{CAMERAS_VARIABLE, PARENT_VARIABLE, READY, RUN_VARIABLE, Service};
+pub use set_file::{DATA_VARIABLE, SECTIONS, SetError, SetFile, data_dir, expand};
+pub use stop::{Stop, die_with_parent};
+pub use subscribe::{FrameSubscription, Received, ReceivedFrame, Subscription};

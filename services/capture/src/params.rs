@@ -1,0 +1,108 @@
+//! The `[capture]` section of a set.
+
+use orime_params::{Checker, Problem};
+use serde::{Deserialize, Serialize};
+
+use crate::folder::{FolderConfig, FolderParams};
+use crate::rendered::{RenderedConfig, RenderedParams};
+
+/// Where frames come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SourceKind {
+    /// Virtual cameras that see a sheet being folded, with known truth.
+    #[default]
+    Rendered,
+    /// Images in folders, described by a layout file.
+    Folder,
+}
+
+/// The `[capture]` section of a set.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CaptureParams {
+    /// `"rendered"` (default) or `"folder"`; only that source's section is checked.
+    pub source: SourceKind,
+    /// Frame sets per second to be published, 0 to 1000; 0 (default) means as fast as the set
+    /// takes them. Exposure times stay the source's own.
+    pub fps: f64,
+    /// Whether the source goes on for ever: a rendered fold unfolds and folds again, a recording
+    /// starts over. Default false.
+    pub repeat: bool,
+    /// The virtual scene.
+    pub rendered: RenderedParams,
+    /// The recording.
+    pub folder: FolderParams,
+}
+
+/// A checked `[capture]` section.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CaptureConfig {
+    /// Time between published frame sets, seconds; `None` means as fast as the set takes them.
+    pub period_s: Option<f64>,
+    /// Whether the source never ends.
+    pub repeat: bool,
+    /// The source.
+    pub source: SourceConfig,
+}
+
+/// A checked source.
+#[derive(Debug, Clone, PartialEq)]
+pub enum SourceConfig {
+    /// See [`SourceKind::Rendered`].
+    Rendered(RenderedConfig),
+    /// See [`SourceKind::Folder`].
+    Folder(FolderConfig),
+}
+
+impl CaptureParams {
+    /// Checks the section; every problem at once.
+    pub fn check(&self) -> Result<CaptureConfig, Vec<Problem>> {
+        let Self { source, fps, repeat, rendered, folder } = self;
+        let mut checker = Checker::new();
+        checker.require(
+            0.0 <= *fps && *fps <= 1000.0,
+            "fps",
+            fps,
+            "must be 0 (as fast as the set takes frames) to 1000",
+        );
+        let (key, source) = match source {
+            SourceKind::Rendered => ("rendered", rendered.check().map(SourceConfig::Rendered)),
+            SourceKind::Folder => ("folder", folder.check().map(SourceConfig::Folder)),
+        };
+        let source = source.map_err(|problems| checker.nested(key, problems)).ok();
+        match source {
+            Some(source) => checker.finish(|| CaptureConfig {
+                period_s: (*fps > 0.0).then(|| 1.0 / fps),
+                repeat: *repeat,
+                source,
+            }),
+            None => Err(checker.finish(|| ()).err().unwrap_or_default()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn documented_defaults_hold() {
+        let config = CaptureParams::default().check().unwrap();
+        assert_eq!(config.period_s, None);
+        assert!(!config.repeat);
+        assert!(matches!(config.source, SourceConfig::Rendered(_)));
+    }
+
+    #[test]
+    fn only_the_chosen_source_is_checked_and_all_problems_come_at_once() {
+        let mut params = CaptureParams { fps: f64::NAN, ..CaptureParams::default() };
+        params.rendered.steps = 1;
+        let keys = |params: &CaptureParams| -> Vec<String> {
+            params.check().unwrap_err().into_iter().map(|p| p.key).collect()
+        };
+        assert_eq!(keys(&params), ["fps", "rendered.steps"]);
+        params.source = SourceKind::Folder;
+        assert_eq!(keys(&params), ["fps", "folder.layout"]);
+    }
+}

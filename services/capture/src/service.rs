@@ -1,0 +1,145 @@
+//! capture as a process: paces the source and publishes its frames and what it knows of the truth.
+
+use std::time::Duration;
+
+use orime_capture::{CaptureParams, FrameError, FrameReport, FrameSource};
+use orime_geometry::{RgbdFrameMut, SheetGrid, SheetParams};
+use orime_messages::{Drops, FrameExtent, FrameStatus, Header, Truth};
+use orime_runtime::{
+    FramePublisher, FrameWritten, Publisher, Recorder, Service, Stop, Work, channel, now_ns,
+};
+
+/// Longest sleep before capture looks whether it shall end.
+const STOP_POLL: Duration = Duration::from_millis(20);
+
+/// The capture process.
+pub struct Capture {
+    source: Box<dyn FrameSource>,
+    sheet: SheetGrid,
+    period_ns: u64,
+    frames: FramePublisher,
+    truths: Publisher<Truth>,
+    recorder: Recorder,
+    header: Header,
+    drops: Drops,
+    stop: Stop,
+}
+
+impl Capture {
+    /// Opens the set's source and this stage's channels, and says that it is ready.
+    pub fn open(service: &Service) -> anyhow::Result<Self> {
+        let sheet = service.config("sheet", SheetParams::check)?;
+        let config = service.config("capture", CaptureParams::check)?;
+        let source = orime_capture::open(&config, &sheet)?;
+        let capture = Self {
+            frames: service.publish_frames(&channel::FRAME, source.cameras())?,
+            truths: service.publish(&channel::TRUTH)?,
+            recorder: service.recorder()?,
+            period_ns: config.period_s.map_or(0, |period_s| (period_s * 1e9) as u64),
+            header: service.header(),
+            drops: Drops::default(),
+            stop: service.stop().clone(),
+            source,
+            sheet,
+        };
+        service.ready()?;
+        Ok(capture)
+    }
+
+    /// Publishes until the source ends or somebody asks to stop; then the end of the stream.
+    pub fn run(mut self) -> anyhow::Result<()> {
+        let steps = self.source.steps().unwrap_or(u64::MAX);
+        let begin_ns = now_ns();
+        let mut step = 0;
+        while step < steps && !self.stop.requested() {
+            self.wait_until(begin_ns + step * self.period_ns);
+            if self.stop.requested() || !self.publish_set(step)? {
+                break;
+            }
+            step += 1;
+        }
+        let last = Header { step, ..self.header };
+        self.truths.send_end(&last)?;
+        self.frames.send_end(&last)?;
+        self.recorder.ended(&last, self.drops)?;
+        tracing::info!(steps = step, unreadable = self.drops.rejected, "end of capture");
+        Ok(())
+    }
+
+    fn wait_until(&self, due_ns: u64) {
+        while !self.stop.requested() {
+            let Some(left_ns) = due_ns.checked_sub(now_ns()) else { return };
+            std::thread::sleep(Duration::from_nanos(left_ns).min(STOP_POLL));
+        }
+    }
+
+    /// Publishes one frame set; `false` if somebody asked to stop while it waited.
+    fn publish_set(&mut self, step: u64) -> anyhow::Result<bool> {
+        let n_cameras = self.source.cameras().len();
+        for camera in 0..n_cameras {
+            if !self.publish_frame(step, camera, n_cameras)? {
+                return Ok(false);
+            }
+        }
+        let lineage = Header {
+            step,
+            exposure_ns: self.source.exposure_ns(step, 0),
+            arrival_ns: now_ns(),
+            ..self.header
+        };
+        let (source, sheet) = (&self.source, &self.sheet);
+        let sent = self.truths.send_with(&lineage, |truth| {
+            let nodes_m = &mut truth.positions_m[..sheet.len()];
+            let known = source.truth_m(step, sheet, nodes_m);
+            truth.n_nodes = if known { sheet.len() as u32 } else { 0 };
+        })?;
+        Ok(sent.is_some())
+    }
+
+    fn publish_frame(&mut self, step: u64, index: usize, n_cameras: usize) -> anyhow::Result<bool> {
+        let exposure_ns = self.source.exposure_ns(step, index);
+        let lineage = Header { step, exposure_ns, ..self.header };
+        // The calibration is copied out, for the source cannot be read and looked at at once.
+        let camera = self.source.cameras()[index].clone();
+        let (mut start_ns, mut unreadable) = (0, None);
+        let source = &mut self.source;
+        let read = |frame: RgbdFrameMut<'_>| {
+            start_ns = now_ns();
+            let result = source.read(step, index, frame);
+            written(result, &mut unreadable)
+        };
+        let Some(sent) = self.frames.send_with(&lineage, (index, &camera), n_cameras, read)? else {
+            return Ok(false);
+        };
+        if let Some(error) = unreadable {
+            self.drops.rejected += 1;
+            tracing::warn!(step, camera = camera.name, %error, "frame left out");
+        }
+        let work = Work {
+            camera: Some(index as u32),
+            start_ns,
+            take_ns: start_ns,
+            end_ns: sent.header.arrival_ns,
+            status: sent.written.status as u32,
+            frame_copies: sent.written.copies,
+            bytes: FrameExtent::of(&camera).total_bytes() as u64,
+            ..Work::default()
+        };
+        self.recorder.published(&sent.header, work, self.drops)?;
+        Ok(true)
+    }
+}
+
+/// What to say of a frame; a frame that cannot be read is sent nevertheless, for its set.
+fn written(
+    result: Result<FrameReport, FrameError>,
+    unreadable: &mut Option<FrameError>,
+) -> FrameWritten {
+    match result {
+        Ok(report) => FrameWritten { status: FrameStatus::Ok, copies: report.copies },
+        Err(error) => {
+            *unreadable = Some(error);
+            FrameWritten { status: FrameStatus::Unreadable, copies: 0 }
+        }
+    }
+}

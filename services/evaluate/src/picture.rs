@@ -1,0 +1,8 @@
+//! Pictures of a step: colour image with contour, observed cloud, tracked sheet.
+
+mod canvas;
+mod panel;
+mod view;
+
+pub use canvas::Canvas;
+pub use panel::{PanelInput, panel};

@@ -1,0 +1,213 @@
+//! The four stages in one process, in lockstep: what the service set computes, without processes.
+
+use orime_capture::FrameSource;
+use orime_geometry::{Edgel, ObservedPoint, RgbdCamera, RgbdFrame, RgbdFrameMut, SheetGrid};
+use orime_register::{RegisterConfig, RegisterReport, Registrar, Tracking};
+use orime_segment::{ObservedMut, SegmentConfig, SegmentReport, Segmenter};
+use orime_simulate::{SimulateConfig, Simulator};
+use std::time::Instant;
+
+use crate::summary::StageMs;
+
+/// Everything that one set is made of, checked.
+#[derive(Debug, Clone)]
+pub struct PipelineConfig {
+    /// The sheet.
+    pub sheet: SheetGrid,
+    /// Mass per area, kg/m².
+    pub density_kg_per_m2: f64,
+    /// Template node positions, where the sheet does not start flat.
+    pub template_m: Option<Vec<[f32; 3]>>,
+    /// Segmentation.
+    pub segment: SegmentConfig,
+    /// Registration.
+    pub register: RegisterConfig,
+    /// Simulation.
+    pub simulate: SimulateConfig,
+    /// Most points and edgels of a frame set, as in the service set's messages.
+    pub capacity: [usize; 2],
+}
+
+struct FrameBuffer {
+    color_rgb: Vec<u8>,
+    depth_units: Vec<u16>,
+    is_good: bool,
+}
+
+/// The stages, the source and their buffers.
+pub struct Pipeline {
+    source: Box<dyn FrameSource>,
+    cameras: Vec<RgbdCamera>,
+    frames: Vec<FrameBuffer>,
+    segmenter: Segmenter,
+    registrar: Registrar,
+    simulator: Simulator,
+    sheet: SheetGrid,
+    points: Vec<ObservedPoint>,
+    edgels: Vec<Edgel>,
+    report: SegmentReport,
+    targets_m: Vec<[f32; 3]>,
+    confidence: Vec<f32>,
+    truth_m: Vec<[f32; 3]>,
+    has_truth: bool,
+    has_pose: bool,
+    exposure_before_ns: Option<u64>,
+}
+
+/// What one step of the pipeline gave; everything else is read from the pipeline.
+#[derive(Debug, Clone)]
+pub struct StepResult {
+    /// What registration said.
+    pub register: RegisterReport,
+    /// Milliseconds per stage.
+    pub ms: StageMs,
+    /// Frames that could not be read, with the reason.
+    pub frame_errors: Vec<String>,
+}
+
+/// The tracker's own word for its state, as it stands in scores.
+pub fn tracking_name(tracking: Tracking) -> &'static str {
+    match tracking {
+        Tracking::Searching => "searching",
+        Tracking::Tracking => "tracking",
+        Tracking::Coasting => "coasting",
+        Tracking::Lost => "lost",
+    }
+}
+
+impl Pipeline {
+    /// The stages over `source`.
+    pub fn new(source: Box<dyn FrameSource>, config: &PipelineConfig) -> Self {
+        let cameras = source.cameras().to_vec();
+        let sheet = config.sheet.clone();
+        let frame = |camera: &RgbdCamera| FrameBuffer {
+            color_rgb: vec![0; 3 * camera.color.pixels()],
+            depth_units: vec![0; camera.depth.pixels()],
+            is_good: false,
+        };
+        let [points, edgels] = config.capacity;
+        let none = ObservedPoint { position_m: [0.0; 3], normal: [0.0; 3], camera: 0, pixels: 0.0 };
+        let no_edgel = Edgel { position_px: [0.0; 2], normal: [0.0; 2], camera: 0, kind: 0 };
+        let template = config.template_m.as_deref();
+        Self {
+            frames: cameras.iter().map(frame).collect(),
+            segmenter: Segmenter::new(&config.segment, &cameras, &sheet),
+            registrar: Registrar::new(&config.register, &sheet, config.template_m.clone()),
+            simulator: Simulator::new(&config.simulate, &sheet, config.density_kg_per_m2, template),
+            points: vec![none; points],
+            edgels: vec![no_edgel; edgels],
+            report: SegmentReport::default(),
+            targets_m: vec![[0.0; 3]; sheet.len()],
+            confidence: vec![0.0; sheet.len()],
+            truth_m: vec![[0.0; 3]; sheet.len()],
+            has_truth: false,
+            has_pose: false,
+            exposure_before_ns: None,
+            cameras,
+            source,
+            sheet,
+        }
+    }
+
+    /// Number of frame sets, or `None` for an endless source.
+    pub fn steps(&self) -> Option<u64> {
+        self.source.steps()
+    }
+
+    /// Runs one step from pixels to state.
+    pub fn step(&mut self, step: u64) -> StepResult {
+        let mut ms = StageMs::default();
+        let frame_errors = timed(&mut ms.capture, || self.capture(step));
+        timed(&mut ms.segment, || self.segment());
+        let register = timed(&mut ms.register, || self.register());
+        timed(&mut ms.simulate, || self.simulate(step, &register));
+        StepResult { register, ms, frame_errors }
+    }
+
+    fn capture(&mut self, step: u64) -> Vec<String> {
+        let mut errors = Vec::new();
+        for (camera, buffer) in self.frames.iter_mut().enumerate() {
+            let frame = RgbdFrameMut {
+                color_rgb: &mut buffer.color_rgb,
+                depth_units: &mut buffer.depth_units,
+            };
+            let read = self.source.read(step, camera, frame);
+            buffer.is_good = read.is_ok();
+            errors.extend(read.err().map(|error| error.to_string()));
+        }
+        self.has_truth = self.source.truth_m(step, &self.sheet, &mut self.truth_m);
+        errors
+    }
+
+    fn segment(&mut self) {
+        let frames: Vec<Option<RgbdFrame<'_>>> = self
+            .frames
+            .iter()
+            .map(|buffer| {
+                buffer.is_good.then_some(RgbdFrame {
+                    color_rgb: &buffer.color_rgb,
+                    depth_units: &buffer.depth_units,
+                })
+            })
+            .collect();
+        let out = ObservedMut { points: &mut self.points, edgels: &mut self.edgels };
+        self.report = self.segmenter.segment(&frames, out);
+    }
+
+    fn register(&mut self) -> RegisterReport {
+        let state = self.has_pose.then(|| self.simulator.positions_m());
+        self.registrar.register(
+            &self.points[..self.report.points],
+            state,
+            &mut self.targets_m,
+            &mut self.confidence,
+        )
+    }
+
+    fn simulate(&mut self, step: u64, register: &RegisterReport) {
+        let exposure_ns = self.source.exposure_ns(step, 0);
+        let dt_s = orime_simulate::frame_s(self.exposure_before_ns, exposure_ns);
+        self.exposure_before_ns = Some(exposure_ns);
+        self.has_pose |= register.reset;
+        if self.has_pose {
+            self.simulator.step(dt_s, &self.targets_m, &self.confidence, register.reset);
+        }
+    }
+
+    /// The sheet's nodes; empty before the first pose.
+    pub fn nodes_m(&self) -> &[[f32; 3]] {
+        if self.has_pose { self.simulator.positions_m() } else { &[] }
+    }
+
+    /// The observed cloud of the last step.
+    pub fn cloud(&self) -> &[ObservedPoint] {
+        &self.points[..self.report.points]
+    }
+
+    /// The contour of the last step.
+    pub fn edgels(&self) -> &[Edgel] {
+        &self.edgels[..self.report.edgels]
+    }
+
+    /// The cameras.
+    pub fn cameras(&self) -> &[RgbdCamera] {
+        &self.cameras
+    }
+
+    /// Colour image of a camera in the last step, `r, g, b` bytes; `None` if it could not be read.
+    pub fn color_rgb(&self, camera: usize) -> Option<&[u8]> {
+        self.frames.get(camera).filter(|f| f.is_good).map(|f| f.color_rgb.as_slice())
+    }
+
+    /// Where the nodes truly are, if the source knows.
+    pub fn truth_m(&self) -> Option<&[[f32; 3]]> {
+        self.has_truth.then_some(self.truth_m.as_slice())
+    }
+}
+
+fn timed<T>(ms: &mut f64, work: impl FnOnce() -> T) -> T {
+    let start = Instant::now();
+    let result = work();
+    *ms = start.elapsed().as_secs_f64() * 1e3;
+    result
+}

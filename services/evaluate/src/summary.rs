@@ -1,0 +1,227 @@
+//! Figures of one step and of a whole run, as they are written to JSON.
+
+use serde::{Deserialize, Serialize};
+
+use crate::scores::{mean, percentile};
+
+/// Milliseconds that each stage computed in a step.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct StageMs {
+    /// Reading or rendering the frames; not part of a step's time.
+    pub capture: f64,
+    /// Segmentation of all cameras.
+    pub segment: f64,
+    /// Registration.
+    pub register: f64,
+    /// Simulation.
+    pub simulate: f64,
+}
+
+impl StageMs {
+    /// A step's time: segment + register + simulate.
+    pub fn step(&self) -> f64 {
+        self.segment + self.register + self.simulate
+    }
+}
+
+/// Figures of one step. Lengths in millimetres unless the name says otherwise.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct StepScore {
+    /// Number of the frame set, from 0.
+    pub step: u64,
+    /// `searching`, `tracking`, `coasting` or `lost`, as the tracker says.
+    pub tracking: String,
+    /// Whether a pose was taken over at once in this step.
+    pub reset: bool,
+    /// Observed points.
+    pub points: usize,
+    /// Eq. (5): mean distance from observed points to the nearest node.
+    pub e_mm: Option<f64>,
+    /// Mean distance from observed points to the model's surface.
+    pub surface_mm: Option<f64>,
+    /// Mean relative change of the edges' lengths, percent.
+    pub strain_percent: Option<f64>,
+    /// Largest relative change of an edge's length, percent.
+    pub strain_percent_max: Option<f64>,
+    /// Mean chord of the grid lines along u and v, metres.
+    pub extent_m: Option<[f64; 2]>,
+    /// Distance of the visible nodes from their plane, root mean square.
+    pub planarity_mm_rms: Option<f64>,
+    /// Median distance from the seen contour to the projected border, pixels.
+    pub outline_px_median: Option<f64>,
+    /// Distance of the nodes from the truth, mean.
+    pub vertex_error_mm_mean: Option<f64>,
+    /// … 95th percentile.
+    pub vertex_error_mm_p95: Option<f64>,
+    /// … largest.
+    pub vertex_error_mm_max: Option<f64>,
+    /// E of the true pose against the same cloud.
+    pub e_at_truth_mm: Option<f64>,
+    /// Milliseconds per stage.
+    pub ms: StageMs,
+    /// FNV-1a of the node positions' bits: equal states, equal hashes.
+    pub state_hash: String,
+}
+
+/// Figures of a whole run: means over the steps that have them.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Summary {
+    /// Steps scored.
+    pub steps: u64,
+    /// Steps in which the sheet was not followed: the tracker says `searching` or `lost`, or the
+    /// truth says that the mean vertex error exceeds 8 mm.
+    pub lost_steps: u64,
+    /// Of these, steps that the tracker took for tracked.
+    pub lost_steps_unnoticed: u64,
+    /// Steps without observation, in which the simulator carried on alone.
+    pub coasting_steps: u64,
+    /// Times a pose was taken over at once: the first pose and each jump.
+    pub resets: u64,
+    /// Mean of [`StepScore::e_mm`].
+    pub e_mm_mean: Option<f64>,
+    /// What E is on a perfectly tracked sheet.
+    pub e_floor_mm: f64,
+    /// Mean of [`StepScore::surface_mm`].
+    pub surface_mm_mean: Option<f64>,
+    /// Mean of [`StepScore::strain_percent`].
+    pub strain_percent_mean: Option<f64>,
+    /// Largest strain of any edge in any step, percent.
+    pub strain_percent_max: Option<f64>,
+    /// Mean and range over the steps of the chord along u, metres.
+    pub width_m: Option<Range>,
+    /// Mean and range over the steps of the chord along v, metres.
+    pub length_m: Option<Range>,
+    /// Mean and range of [`StepScore::planarity_mm_rms`].
+    pub planarity_mm_rms: Option<Range>,
+    /// Mean and range of [`StepScore::outline_px_median`].
+    pub outline_px_median: Option<Range>,
+    /// Mean over steps and nodes of the distance to the truth.
+    pub vertex_error_mm_mean: Option<f64>,
+    /// Mean over the steps of the 95th percentile.
+    pub vertex_error_mm_p95: Option<f64>,
+    /// Largest of any node in any step.
+    pub vertex_error_mm_max: Option<f64>,
+    /// Mean of [`StepScore::e_at_truth_mm`].
+    pub e_at_truth_mm_mean: Option<f64>,
+    /// Median time of a step (segment + register + simulate).
+    pub ms_per_step_p50: Option<f64>,
+    /// 99th percentile.
+    pub ms_per_step_p99: Option<f64>,
+    /// Median per stage.
+    pub ms_p50: StageMs,
+    /// FNV-1a over the steps' hashes: equal runs, equal hashes.
+    pub states_hash: String,
+}
+
+/// Mean, smallest and largest of a figure over the steps.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Range {
+    /// Mean.
+    pub mean: f64,
+    /// Smallest.
+    pub min: f64,
+    /// Largest.
+    pub max: f64,
+}
+
+/// A step whose mean vertex error exceeds this is lost, whatever the tracker says, millimetres.
+pub const LOST_MM: f64 = 8.0;
+
+impl Summary {
+    /// Sums the steps up. `e_floor_mm`: see [`crate::scores::e_floor_m`].
+    pub fn of(steps: &[StepScore], e_floor_mm: f64) -> Self {
+        let average = |figure: fn(&StepScore) -> Option<f64>| mean(steps.iter().filter_map(figure));
+        let largest = |figure: fn(&StepScore) -> Option<f64>| {
+            steps.iter().filter_map(figure).max_by(f64::total_cmp)
+        };
+        let times = |figure: fn(&StepScore) -> f64, share: f64| {
+            let mut values: Vec<f64> = steps.iter().map(figure).collect();
+            values.sort_by(f64::total_cmp);
+            percentile(&values, share)
+        };
+        let gone = |s: &&StepScore| s.tracking == "searching" || s.tracking == "lost";
+        let off = |s: &&StepScore| s.vertex_error_mm_mean.is_some_and(|e| e > LOST_MM);
+        let median = |figure| times(figure, 0.5).unwrap_or_default();
+        Self {
+            steps: steps.len() as u64,
+            lost_steps: steps.iter().filter(|s| gone(s) || off(s)).count() as u64,
+            lost_steps_unnoticed: steps.iter().filter(|s| !gone(s) && off(s)).count() as u64,
+            coasting_steps: steps.iter().filter(|s| s.tracking == "coasting").count() as u64,
+            resets: steps.iter().filter(|s| s.reset).count() as u64,
+            e_mm_mean: average(|s| s.e_mm),
+            e_floor_mm,
+            surface_mm_mean: average(|s| s.surface_mm),
+            strain_percent_mean: average(|s| s.strain_percent),
+            strain_percent_max: largest(|s| s.strain_percent_max),
+            width_m: range(steps, |s| s.extent_m.map(|e| e[0])),
+            length_m: range(steps, |s| s.extent_m.map(|e| e[1])),
+            planarity_mm_rms: range(steps, |s| s.planarity_mm_rms),
+            outline_px_median: range(steps, |s| s.outline_px_median),
+            vertex_error_mm_mean: average(|s| s.vertex_error_mm_mean),
+            vertex_error_mm_p95: average(|s| s.vertex_error_mm_p95),
+            vertex_error_mm_max: largest(|s| s.vertex_error_mm_max),
+            e_at_truth_mm_mean: average(|s| s.e_at_truth_mm),
+            ms_per_step_p50: times(|s| s.ms.step(), 0.5),
+            ms_per_step_p99: times(|s| s.ms.step(), 0.99),
+            ms_p50: StageMs {
+                capture: median(|s| s.ms.capture),
+                segment: median(|s| s.ms.segment),
+                register: median(|s| s.ms.register),
+                simulate: median(|s| s.ms.simulate),
+            },
+            states_hash: format!("{:016x}", fnv1a(steps.iter().flat_map(|s| s.state_hash.bytes()))),
+        }
+    }
+}
+
+fn range(steps: &[StepScore], figure: fn(&StepScore) -> Option<f64>) -> Option<Range> {
+    let values: Vec<f64> = steps.iter().filter_map(figure).collect();
+    Some(Range {
+        mean: mean(values.iter().copied())?,
+        min: values.iter().copied().fold(f64::INFINITY, f64::min),
+        max: values.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+    })
+}
+
+/// FNV-1a, 64 bits (Fowler, Noll, Vo).
+pub fn fnv1a(bytes: impl Iterator<Item = u8>) -> u64 {
+    bytes.fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn step(tracking: &str, error_mm: Option<f64>, ms: f64) -> StepScore {
+        StepScore {
+            tracking: tracking.into(),
+            vertex_error_mm_mean: error_mm,
+            ms: StageMs { register: ms, ..StageMs::default() },
+            ..StepScore::default()
+        }
+    }
+
+    #[test]
+    fn lost_steps_are_counted_whoever_says_so() {
+        let steps = [
+            step("searching", None, 1.0),
+            step("tracking", Some(1.0), 2.0),
+            step("tracking", Some(9.0), 3.0),
+            step("lost", Some(20.0), 4.0),
+            step("coasting", Some(2.0), 5.0),
+        ];
+        let summary = Summary::of(&steps, 2.4);
+        assert_eq!((summary.lost_steps, summary.lost_steps_unnoticed), (3, 1));
+        assert_eq!((summary.coasting_steps, summary.steps), (1, 5));
+        assert_eq!(summary.vertex_error_mm_mean, Some(8.0));
+        assert_eq!((summary.ms_per_step_p50, summary.ms_per_step_p99), (Some(3.0), Some(5.0)));
+        assert_eq!(summary.e_mm_mean, None);
+    }
+
+    #[test]
+    fn fnv1a_has_its_published_value() {
+        assert_eq!(fnv1a(b"foobar".iter().copied()), 0x8594_4171_f739_67e8);
+    }
+}

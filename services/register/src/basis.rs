@@ -1,0 +1,131 @@
+//! The motion-coherence kernel's eigenbasis on the control points.
+
+use nalgebra::DMatrix;
+use orime_geometry::SheetGrid;
+
+/// Control points of a sheet and the modes in which they may move together.
+///
+/// G[a,b] = exp(−|uv_a − uv_b|²/2β²) ≈ Q Λ Qᵀ, over material coordinates, so that it is constant
+/// and layers that touch in space are not coupled.
+#[derive(Debug)]
+pub(crate) struct Basis {
+    /// Control points along u and v.
+    pub controls: [usize; 2],
+    /// Eigenvectors, one row of K entries per control point.
+    pub modes: DMatrix<f64>,
+    /// Their eigenvalues, descending.
+    pub eigenvalues: Vec<f64>,
+}
+
+/// Four control points (or nodes) and their bilinear weights.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Corner {
+    /// Index of the lowest corner; the others are `+1`, `+stride`, `+stride+1`.
+    pub base: u32,
+    /// Weights of `base`, `base + 1`, `base + stride`, `base + stride + 1`.
+    pub weights: [f32; 4],
+}
+
+impl Basis {
+    /// Control points on every other node (13 × 13 of 25 × 25); at most `modes_max` modes, and
+    /// only those whose eigenvalue is above 1e-7 of the largest.
+    pub fn new(sheet: &SheetGrid, width_m: f64, modes_max: usize) -> Self {
+        let controls = sheet.nodes.map(|n| n.div_ceil(2));
+        let control_sheet = SheetGrid::new(sheet.size_m, controls);
+        let uv: Vec<[f64; 2]> = control_sheet.uv_m().collect();
+        let kernel = DMatrix::from_fn(uv.len(), uv.len(), |a, b| {
+            let squared = (uv[a][0] - uv[b][0]).powi(2) + (uv[a][1] - uv[b][1]).powi(2);
+            (-squared / (2.0 * width_m * width_m)).exp()
+        });
+        let eigen = kernel.symmetric_eigen();
+        let mut order: Vec<usize> = (0..uv.len()).collect();
+        order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
+        let largest = eigen.eigenvalues[order[0]];
+        order.truncate(modes_max);
+        order.retain(|k| eigen.eigenvalues[*k] > 1e-7 * largest);
+        // The modes are read row by row (a control point's K entries): store them transposed.
+        let modes =
+            DMatrix::from_fn(order.len(), uv.len(), |k, a| eigen.eigenvectors[(a, order[k])]);
+        Self { controls, modes, eigenvalues: order.iter().map(|k| eigen.eigenvalues[*k]).collect() }
+    }
+
+    /// Number of control points.
+    pub fn len(&self) -> usize {
+        self.controls[0] * self.controls[1]
+    }
+
+    /// The K entries of control point `a`.
+    pub fn row(&self, a: usize) -> &[f64] {
+        let k = self.eigenvalues.len();
+        &self.modes.as_slice()[a * k..(a + 1) * k]
+    }
+}
+
+/// Bilinear interpolation from a grid of `from` points to one of `to` points over the same sheet.
+pub(crate) fn corners(from: [usize; 2], to: [usize; 2]) -> Vec<Corner> {
+    let place = |k: usize, axis: usize| -> (usize, f64) {
+        let at = k as f64 * (from[axis] - 1) as f64 / (to[axis] - 1) as f64;
+        // Points on a grid line must not be split by rounding between two cells.
+        let at = if (at - at.round()).abs() < 1e-9 { at.round() } else { at };
+        let cell = (at as usize).min(from[axis] - 2);
+        (cell, at - cell as f64)
+    };
+    let mut corners = Vec::with_capacity(to[0] * to[1]);
+    for i in 0..to[0] {
+        for j in 0..to[1] {
+            let ((a, s), (b, t)) = (place(i, 0), place(j, 1));
+            corners.push(Corner {
+                base: (a * from[1] + b) as u32,
+                weights: [(1.0 - s) * (1.0 - t), (1.0 - s) * t, s * (1.0 - t), s * t]
+                    .map(|w| w as f32),
+            });
+        }
+    }
+    corners
+}
+
+impl Corner {
+    /// Indices of the four corners in a grid whose rows are `stride` long.
+    pub fn indices(&self, stride: usize) -> [usize; 4] {
+        let base = self.base as usize;
+        [base, base + 1, base + stride, base + stride + 1]
+    }
+
+    /// The interpolated vector.
+    pub fn interpolate(&self, grid: &[[f32; 3]], stride: usize) -> [f32; 3] {
+        let corners = self.indices(stride).map(|k| grid[k]);
+        [0, 1, 2]
+            .map(|axis| corners.iter().zip(self.weights).map(|(corner, w)| corner[axis] * w).sum())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn modes_rebuild_the_kernel() {
+        let sheet = SheetGrid::new([0.15, 0.21], [9, 11]);
+        let basis = Basis::new(&sheet, 0.05, 400);
+        assert_eq!(basis.controls, [5, 6]);
+        let uv: Vec<[f64; 2]> = SheetGrid::new(sheet.size_m, basis.controls).uv_m().collect();
+        for (a, b) in [(0, 0), (3, 17), (29, 4)] {
+            let rebuilt: f64 = (0..basis.eigenvalues.len())
+                .map(|k| basis.row(a)[k] * basis.eigenvalues[k] * basis.row(b)[k])
+                .sum();
+            let squared = (uv[a][0] - uv[b][0]).powi(2) + (uv[a][1] - uv[b][1]).powi(2);
+            assert!((rebuilt - (-squared / 0.005).exp()).abs() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn interpolation_is_exact_on_linear_fields_and_on_the_nodes() {
+        let from = SheetGrid::new([0.3, 0.2], [4, 5]);
+        let to = SheetGrid::new([0.3, 0.2], [10, 9]);
+        for (corner, [u, v]) in corners(from.nodes, to.nodes).iter().zip(to.uv_m()) {
+            let p = corner.interpolate(&from.flat_m(), from.nodes[1]);
+            assert!((f64::from(p[0]) - (u - 0.15)).abs() < 1e-6);
+            assert!((f64::from(p[1]) - (v - 0.10)).abs() < 1e-6);
+        }
+    }
+}

@@ -1,0 +1,148 @@
+//! The `[register]` section of a set.
+
+use orime_params::{Checker, Problem};
+use serde::{Deserialize, Serialize};
+
+/// The `[register]` section of a set.
+///
+/// Lengths that are fractions of the sheet are fractions of its mean side, so that another sheet
+/// needs no new tuning.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RegisterParams {
+    /// Most iterations of expectation maximisation per frame. Time grows with it. Default 15.
+    pub iterations_max: u32,
+    /// Stop once no node moves farther than this in an iteration, fraction of the sheet.
+    /// Default 0.0003 (0.05 mm on 0.15 m).
+    pub move_tolerance: f64,
+    /// Width β of the motion-coherence kernel in material coordinates, fraction of the sheet:
+    /// how far a node drags its neighbours along. Default 0.3 (45 mm on 0.15 m).
+    pub kernel_width: f64,
+    /// Expected error τ of the prediction, fraction of the sheet (λ = 1/τ²): small values trust
+    /// the prediction, large ones the cloud. Default 0.033 (5 mm on 0.15 m).
+    pub prediction_error: f64,
+    /// Weight of the cloud against the prediction, 0 to 1: neighbouring depth pixels err
+    /// together, so N points are worth less than N. Default 0.2.
+    pub temper: f64,
+    /// Smallest and largest σ that a frame starts with, fractions of the sheet. In between, 1.5
+    /// times the last frame's final σ. Default 0.027 and 0.04 (4 and 6 mm on 0.15 m).
+    pub sigma_start: [f64; 2],
+    /// Floor of σ, fraction of the sheet. Default 0.0067 (1 mm on 0.15 m).
+    pub sigma_floor: f64,
+    /// Start of the outlier weight w, which then follows the share of unexplained points within
+    /// 0.01 to 0.5. Default 0.05.
+    pub outlier_weight: f64,
+    /// Mixture components per grid cell and direction; finer ones reach a smaller σ and cost
+    /// their square. Default 2.
+    pub virtual_per_cell: usize,
+    /// Eigenvectors of the kernel that may move, at most. Default 60.
+    pub modes_max: usize,
+    /// Sweeps of the isometry projection in every iteration; 0 lets the model stretch.
+    /// Default 10.
+    pub isometry_sweeps: u32,
+    /// Share of the last step's motion that the prediction continues. Default 0.8.
+    pub momentum: f64,
+    /// Most points used of a cloud; more are thinned evenly. Default 4000.
+    pub points_max: usize,
+    /// Fewest points that can constrain the pose. Default 60.
+    pub points_min: usize,
+    /// Give every node a target instead of the control points (every other node) alone.
+    /// Default false, as in the paper.
+    pub targets_everywhere: bool,
+    /// A pose explains the cloud while at least this share of the points lies on it. Below, a
+    /// fresh pose is tried. Default 0.85.
+    pub explained_min: f64,
+}
+
+impl Default for RegisterParams {
+    fn default() -> Self {
+        Self {
+            iterations_max: 15,
+            move_tolerance: 0.0003,
+            kernel_width: 0.3,
+            prediction_error: 0.033,
+            temper: 0.2,
+            sigma_start: [0.027, 0.04],
+            sigma_floor: 0.0067,
+            outlier_weight: 0.05,
+            virtual_per_cell: 2,
+            modes_max: 60,
+            isometry_sweeps: 10,
+            momentum: 0.8,
+            points_max: 4000,
+            points_min: 60,
+            targets_everywhere: false,
+            explained_min: 0.85,
+        }
+    }
+}
+
+impl RegisterParams {
+    /// Checks the section; every problem at once.
+    pub fn check(&self) -> Result<RegisterConfig, Vec<Problem>> {
+        let Self {
+            iterations_max,
+            move_tolerance,
+            kernel_width,
+            prediction_error,
+            temper,
+            sigma_start,
+            sigma_floor,
+            outlier_weight,
+            virtual_per_cell,
+            modes_max,
+            isometry_sweeps,
+            momentum,
+            points_max,
+            points_min,
+            targets_everywhere: _,
+            explained_min,
+        } = self;
+        let mut checker = Checker::new();
+        let mut within = |key: &str, value: f64, low: f64, high: f64| {
+            let requirement = format!("must be {low} to {high}");
+            checker.require(low <= value && value <= high, key, value, &requirement);
+        };
+        within("iterations_max", f64::from(*iterations_max), 1.0, 1000.0);
+        within("move_tolerance", *move_tolerance, 0.0, 0.1);
+        within("kernel_width", *kernel_width, 0.02, 10.0);
+        within("prediction_error", *prediction_error, 1e-4, 10.0);
+        within("temper", *temper, 1e-3, 1.0);
+        within("sigma_floor", *sigma_floor, 1e-4, 0.1);
+        within("sigma_start", sigma_start[0], *sigma_floor, 1.0);
+        within("sigma_start", sigma_start[1], sigma_start[0], 1.0);
+        within("outlier_weight", *outlier_weight, 0.001, 0.9);
+        within("virtual_per_cell", *virtual_per_cell as f64, 1.0, 6.0);
+        within("modes_max", *modes_max as f64, 3.0, 400.0);
+        within("isometry_sweeps", f64::from(*isometry_sweeps), 0.0, 200.0);
+        within("momentum", *momentum, 0.0, 1.0);
+        within("points_max", *points_max as f64, 100.0, 1e6);
+        within("points_min", *points_min as f64, 3.0, *points_max as f64);
+        within("explained_min", *explained_min, 0.0, 1.0);
+        checker.finish(|| RegisterConfig { params: self.clone() })
+    }
+}
+
+/// Checked [`RegisterParams`]: the only form that the registrar accepts.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RegisterConfig {
+    pub(crate) params: RegisterParams,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn defaults_pass_and_nonsense_is_reported_whole() {
+        assert!(RegisterParams::default().check().is_ok());
+        let bad = RegisterParams {
+            temper: f64::NAN,
+            sigma_start: [0.05, 0.01],
+            points_min: 1,
+            ..RegisterParams::default()
+        };
+        let keys: Vec<String> = bad.check().unwrap_err().into_iter().map(|p| p.key).collect();
+        assert_eq!(keys, ["temper", "sigma_start", "points_min"]);
+    }
+}

@@ -1,0 +1,216 @@
+//! From frame to frame: predict, register, judge, and find the sheet again where it was lost.
+
+use crate::first_pose;
+use crate::mixture::Cloud;
+use crate::params::{RegisterConfig, RegisterParams};
+use crate::score::Score;
+use crate::track::{TrackReport, Tracker};
+use orime_geometry::{ObservedPoint, SheetGrid};
+
+/// Whether the sheet is being followed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[repr(u32)]
+pub enum Tracking {
+    /// No pose yet: no first cloud, or nothing in it that fits the sheet.
+    #[default]
+    Searching = 0,
+    /// Following.
+    Tracking = 1,
+    /// Nothing to register against in this step: the simulator carries on alone.
+    Coasting = 2,
+    /// The pose does not explain what is seen, and no other was found.
+    Lost = 3,
+}
+
+/// What registering one step gave.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct RegisterReport {
+    /// Whether the sheet is being followed.
+    pub tracking: Tracking,
+    /// Whether the targets are a new pose for *every* node, to be taken over at once.
+    pub reset: bool,
+    /// Iterations of expectation maximisation.
+    pub iterations: u32,
+    /// Standard deviation of the mixture at the end, metres.
+    pub sigma_m: f32,
+    /// Share of the observed points that the model explains.
+    pub inlier_ratio: f32,
+    /// Observed points that were not finite.
+    pub points_rejected: u32,
+}
+
+/// A pose must beat the current one by this much to replace it: a jump is never taken for noise.
+const BETTER_BY: f64 = 0.1;
+
+/// Registers the sheet to one cloud after the other.
+#[derive(Debug)]
+pub struct Registrar {
+    params: RegisterParams,
+    sheet: SheetGrid,
+    template_m: Option<Vec<[f32; 3]>>,
+    tracker: Tracker,
+    cloud: Cloud,
+    points: Vec<ObservedPoint>,
+    nodes_m: Vec<[f32; 3]>,
+    /// The simulator's state one step before its newest, for the prediction.
+    before_m: Option<Vec<[f32; 3]>>,
+    has_pose: bool,
+}
+
+impl Registrar {
+    /// A registrar that has no pose yet. `template_m`: node positions to start from, where the
+    /// sheet does not start flat.
+    pub fn new(
+        config: &RegisterConfig,
+        sheet: &SheetGrid,
+        template_m: Option<Vec<[f32; 3]>>,
+    ) -> Self {
+        let flat = sheet.flat_m();
+        let rest = template_m.as_deref().unwrap_or(&flat);
+        assert_eq!(rest.len(), sheet.len(), "one template position per node");
+        Self {
+            params: config.params.clone(),
+            tracker: Tracker::new(&config.params, sheet, rest),
+            sheet: sheet.clone(),
+            template_m,
+            cloud: Cloud::default(),
+            points: Vec::new(),
+            nodes_m: flat,
+            before_m: None,
+            has_pose: false,
+        }
+    }
+
+    /// Takes the first `predicted_m` for a pose, instead of finding one in the first cloud.
+    pub fn assume_pose(&mut self) {
+        self.has_pose = true;
+    }
+
+    /// Registers one cloud. `predicted_m` is the simulator's newest state (`None` before the
+    /// first pose); `targets_m` and `confidence` (one per node of the sheet) are written:
+    /// confidence 0 means that the node has no target.
+    pub fn register(
+        &mut self,
+        cloud: &[ObservedPoint],
+        predicted_m: Option<&[[f32; 3]]>,
+        targets_m: &mut [[f32; 3]],
+        confidence: &mut [f32],
+    ) -> RegisterReport {
+        let mut report =
+            RegisterReport { points_rejected: self.accept(cloud), ..Default::default() };
+        confidence.fill(0.0);
+        if self.points.len() < self.params.points_min {
+            self.before_m = None; // A pause breaks the motion that would be continued.
+            report.tracking = if self.has_pose { Tracking::Coasting } else { Tracking::Searching };
+            return report;
+        }
+        let points = self.points.iter().map(|p| p.position_m);
+        self.cloud.fill(points, self.tracker.cell_m());
+        let known = predicted_m.filter(|x| self.has_pose && x.len() == self.sheet.len());
+        let mut tracked = None;
+        if let Some(state) = known {
+            self.predict(state);
+            let fit = self.tracker.track(&self.cloud, &mut self.nodes_m);
+            tracked = Some((fit, self.score()));
+        }
+        let explained_min = self.params.explained_min;
+        let explains = |score: &Score| score.explained >= explained_min;
+        if !tracked.as_ref().is_some_and(|(_, score)| explains(score)) {
+            self.try_fresh_pose(known, &mut tracked, &mut report);
+        }
+        let Some((fit, score)) = tracked else {
+            report.tracking = Tracking::Searching;
+            return report;
+        };
+        self.has_pose = true;
+        report.iterations = fit.iterations;
+        report.sigma_m = fit.sigma_m;
+        report.inlier_ratio = fit.inlier_ratio;
+        report.tracking = if fit.iterations == 0 {
+            Tracking::Lost
+        } else if explains(&score) || score.explained >= 0.5 {
+            Tracking::Tracking
+        } else {
+            Tracking::Lost
+        };
+        self.before_m = known.filter(|_| !report.reset).map(<[_]>::to_vec);
+        if fit.iterations > 0 {
+            self.write_targets(report.reset, targets_m, confidence);
+        }
+        report
+    }
+
+    /// Takes over the finite points, thinned to the limit; returns how many were not finite.
+    fn accept(&mut self, cloud: &[ObservedPoint]) -> u32 {
+        let finite = |p: &&ObservedPoint| p.position_m.iter().all(|c| c.is_finite());
+        let count = cloud.iter().filter(finite).count();
+        let step = count.div_ceil(self.params.points_max).max(1);
+        self.points.clear();
+        self.points.extend(cloud.iter().filter(finite).step_by(step));
+        (cloud.len() - count) as u32
+    }
+
+    /// Continues the last step's motion from the simulator's newest state.
+    fn predict(&mut self, state: &[[f32; 3]]) {
+        let momentum = self.params.momentum as f32;
+        self.nodes_m.clear();
+        match &self.before_m {
+            Some(before) => {
+                self.nodes_m.extend(state.iter().zip(before).map(|(x, old)| {
+                    [0, 1, 2].map(|axis| x[axis] + momentum * (x[axis] - old[axis]))
+                }))
+            }
+            None => self.nodes_m.extend_from_slice(state),
+        }
+    }
+
+    fn score(&mut self) -> Score {
+        self.tracker.mixture.place(&self.nodes_m);
+        let (cell_m, side_m) = (self.tracker.cell_m(), self.tracker.side_m);
+        Score::of(&mut self.tracker.mixture, &self.cloud, cell_m, side_m)
+    }
+
+    /// Looks for a pose in the cloud alone and takes it if it explains clearly more.
+    fn try_fresh_pose(
+        &mut self,
+        known: Option<&[[f32; 3]]>,
+        tracked: &mut Option<(TrackReport, Score)>,
+        report: &mut RegisterReport,
+    ) {
+        let kept = self.nodes_m.clone();
+        let found = match &self.template_m {
+            Some(template) => first_pose::template_pose(&self.points, template),
+            None => first_pose::flat_pose(&self.points, &self.sheet, known),
+        };
+        let Some(pose) = found.filter(|pose| first_pose::is_sane(pose, &self.points)) else {
+            return;
+        };
+        self.nodes_m = pose;
+        self.tracker.forget();
+        let fit = self.tracker.track(&self.cloud, &mut self.nodes_m);
+        let score = self.score();
+        let clearly_better = match tracked {
+            Some((_, current)) => score.value() > current.value() + BETTER_BY,
+            None => score.explained >= 0.5,
+        };
+        if clearly_better && fit.iterations > 0 {
+            *tracked = Some((fit, score));
+            report.reset = true;
+        } else {
+            self.nodes_m = kept;
+        }
+    }
+
+    fn write_targets(&self, everywhere: bool, targets_m: &mut [[f32; 3]], confidence: &mut [f32]) {
+        targets_m[..self.nodes_m.len()].copy_from_slice(&self.nodes_m);
+        let everywhere = everywhere || self.params.targets_everywhere;
+        for i in 0..self.sheet.nodes[0] {
+            for j in 0..self.sheet.nodes[1] {
+                let is_control = |k: usize, n: usize| k % 2 == 0 || k + 1 == n;
+                let control =
+                    is_control(i, self.sheet.nodes[0]) && is_control(j, self.sheet.nodes[1]);
+                confidence[self.sheet.index(i, j)] = if everywhere || control { 1.0 } else { 0.0 };
+            }
+        }
+    }
+}

@@ -1,0 +1,276 @@
+//! One frame of Coherent Point Drift, from the prediction onto the cloud.
+//!
+//! Per iteration, with Y the prediction, V its virtual nodes, Q Λ Qᵀ the kernel on the control
+//! points, B the interpolation from control points to virtual nodes, and t the tempering:
+//!
+//! ```text
+//! E:  p[m,n] = exp(−|x[n]−v[m]|²/2σ²) / (Σ_k exp(−|x[n]−v[k]|²/2σ²) + c)
+//! M:  (t·(BQ)ᵀ D (BQ) + λσ²Λ⁻¹) C = t·(BQ)ᵀ (P X − D V₀),   D = diag(Σ_n p),   λ = 1/τ²
+//!     T = Y + (B Q C on the nodes), then isometry sweeps on T
+//! σ² = Σ p·|x − v|² / 3 N_p from the projected virtual nodes
+//! ```
+//!
+//! Source: Myronenko & Song, IEEE TPAMI 32(12), 2010. Deviations, all measured in
+//! `../shared/design/register.md`: virtual nodes, a low-rank kernel in (u,v), tempering, the
+//! isometry projection, σ² started warm and floored, the outlier weight estimated.
+
+use crate::basis::{Basis, Corner, corners};
+use crate::isometry::Isometry;
+use crate::mixture::{Cloud, Mixture, bounds};
+use crate::params::RegisterParams;
+use nalgebra::{DMatrix, DVector};
+use orime_geometry::SheetGrid;
+
+/// Why the iterations ended. Running out of them is a result, not an error.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[repr(u32)]
+pub enum Termination {
+    /// The cloud gave nothing to move for: the prediction is returned as it was.
+    #[default]
+    NothingObserved = 0,
+    /// No node moved farther than the tolerance.
+    Converged = 1,
+    /// The limit of iterations was reached.
+    IterationLimit = 2,
+}
+
+/// How one frame went.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct TrackReport {
+    /// Why the iterations ended.
+    pub termination: Termination,
+    /// Iterations run.
+    pub iterations: u32,
+    /// σ at the end, metres.
+    pub sigma_m: f32,
+    /// N_p/N: the share of the points that the model explains.
+    pub inlier_ratio: f32,
+    /// Mean relative change of the links' lengths at the end.
+    pub strain_mean: f32,
+}
+
+/// Everything that registering to one cloud needs and that does not change from frame to frame.
+#[derive(Debug)]
+pub(crate) struct Tracker {
+    params: RegisterParams,
+    /// Mean side of the sheet, metres: the unit of the fractional parameters.
+    pub side_m: f32,
+    basis: Basis,
+    node_corners: Vec<Corner>,
+    mixture_corners: Vec<Corner>,
+    pub mixture: Mixture,
+    isometry: Isometry,
+    /// σ that the next frame starts from, before its bounds, metres.
+    sigma_next_m: f32,
+    outlier_weight: f64,
+    /// Virtual nodes of the prediction.
+    start: Vec<[f32; 3]>,
+    /// Σ D B over neighbouring control points: nine entries per control point.
+    stencil: Vec<[f64; 9]>,
+    force: Vec<[f64; 3]>,
+    moved: Vec<[f32; 3]>,
+}
+
+impl Tracker {
+    pub fn new(params: &RegisterParams, sheet: &SheetGrid, rest_m: &[[f32; 3]]) -> Self {
+        let side_m = (sheet.size_m[0] + sheet.size_m[1]) / 2.0;
+        let basis = Basis::new(sheet, params.kernel_width * side_m, params.modes_max);
+        let fine = Mixture::fine_nodes(sheet, params.virtual_per_cell);
+        Self {
+            side_m: side_m as f32,
+            node_corners: corners(basis.controls, sheet.nodes),
+            mixture_corners: corners(basis.controls, fine),
+            mixture: Mixture::new(sheet, params.virtual_per_cell),
+            isometry: Isometry::new(sheet, rest_m),
+            sigma_next_m: 0.0,
+            outlier_weight: params.outlier_weight,
+            start: Vec::new(),
+            stencil: vec![[0.0; 9]; basis.len()],
+            force: vec![[0.0; 3]; basis.len()],
+            moved: vec![[0.0; 3]; basis.len()],
+            basis,
+            params: params.clone(),
+        }
+    }
+
+    /// Edge of the cells that clouds are to be sorted into, metres.
+    pub fn cell_m(&self) -> f32 {
+        0.053 * self.side_m
+    }
+
+    /// Forgets σ and the outlier weight of the last frame.
+    pub fn forget(&mut self) {
+        self.sigma_next_m = f32::INFINITY;
+        self.outlier_weight = self.params.outlier_weight;
+    }
+
+    /// Bends `nodes_m` (the prediction on entry) onto the cloud.
+    pub fn track(&mut self, cloud: &Cloud, nodes_m: &mut [[f32; 3]]) -> TrackReport {
+        let mut report = TrackReport { sigma_m: self.sigma_next_m, ..TrackReport::default() };
+        let predicted = nodes_m.to_vec();
+        self.mixture.place(nodes_m);
+        self.start.clone_from(&self.mixture.positions_m);
+        let [sigma_min, sigma_max] = self.params.sigma_start.map(|s| s as f32 * self.side_m);
+        let floor = self.params.sigma_floor as f32 * self.side_m;
+        let mut sigma = (1.5 * self.sigma_next_m).clamp(sigma_min, sigma_max);
+        let components_per_m3 = self.components_per_m3(cloud);
+        let lambda = (self.params.prediction_error * f64::from(self.side_m)).powi(-2);
+        let tolerance = self.params.move_tolerance as f32 * self.side_m;
+        for _ in 0..self.params.iterations_max {
+            let uniform = self.outlier_weight / (1.0 - self.outlier_weight) * components_per_m3;
+            let expected = self.mixture.expect(cloud, self.cell_m(), sigma, uniform);
+            if expected.mass < 1.0 {
+                break; // Fewer than one point explained: there is nothing to move for.
+            }
+            report.iterations += 1;
+            report.inlier_ratio = (expected.mass / cloud.points_m.len() as f64) as f32;
+            self.gather();
+            let Some(modes) = self.solve(lambda * f64::from(sigma).powi(2)) else { break };
+            let largest = self.apply(&modes, &predicted, nodes_m);
+            sigma = self.sigma_after(nodes_m, expected.squared_m2, expected.mass).max(floor);
+            report.sigma_m = sigma;
+            report.termination = Termination::IterationLimit;
+            if largest < tolerance {
+                report.termination = Termination::Converged;
+                break;
+            }
+        }
+        if report.iterations > 0 {
+            self.sigma_next_m = sigma;
+            let unexplained = 1.0 - f64::from(report.inlier_ratio);
+            let blended = 0.7 * self.outlier_weight + 0.3 * unexplained;
+            self.outlier_weight = blended.clamp(0.01, 0.5);
+        }
+        report.strain_mean = self.isometry.strain(nodes_m).1;
+        report
+    }
+
+    /// Components per volume of the box in which outliers are taken to be uniform.
+    fn components_per_m3(&self, cloud: &Cloud) -> f64 {
+        let (low, high) = bounds(&cloud.points_m);
+        let margin = 0.13 * f64::from(self.side_m);
+        let volume_m3: f64 =
+            (0..3).map(|axis| f64::from(high[axis] - low[axis]).max(0.0) + margin).product();
+        self.mixture.positions_m.len() as f64 / volume_m3
+    }
+
+    /// Carries mass and force from the virtual nodes to the control points.
+    fn gather(&mut self) {
+        self.stencil.fill([0.0; 9]);
+        self.force.fill([0.0; 3]);
+        let stride = self.basis.controls[1];
+        // Place of corner `b` in the nine neighbours of corner `a`; row major, own place 4.
+        const PLACE: [[usize; 4]; 4] = [[4, 5, 7, 8], [3, 4, 6, 7], [1, 2, 4, 5], [0, 1, 3, 4]];
+        for (m, corner) in self.mixture_corners.iter().enumerate() {
+            let mass = self.mixture.mass[m];
+            if mass == 0.0 {
+                continue;
+            }
+            let (now, start) = (self.mixture.positions_m[m], self.start[m]);
+            let pull = self.mixture.pull_m[m];
+            let force = [0, 1, 2]
+                .map(|axis| pull[axis] + mass * (f64::from(now[axis]) - f64::from(start[axis])));
+            for (a, control) in corner.indices(stride).into_iter().enumerate() {
+                let weight = f64::from(corner.weights[a]);
+                for axis in 0..3 {
+                    self.force[control][axis] += weight * force[axis];
+                }
+                for b in 0..4 {
+                    let both = weight * f64::from(corner.weights[b]) * mass;
+                    self.stencil[control][PLACE[a][b]] += both;
+                }
+            }
+        }
+    }
+
+    /// Solves the M-step for the mode coefficients, K × 3; `None` if nothing is finite.
+    fn solve(&self, regularisation: f64) -> Option<[DVector<f64>; 3]> {
+        let k = self.basis.eigenvalues.len();
+        let temper = self.params.temper;
+        let mut normal = DMatrix::<f64>::zeros(k, k);
+        let mut right = [DVector::zeros(k), DVector::zeros(k), DVector::zeros(k)];
+        let mut spread = vec![0.0; k];
+        for a in 0..self.basis.len() {
+            self.spread(a, &mut spread);
+            let row = self.basis.row(a);
+            for (j, spread) in spread.iter().enumerate() {
+                let column = &mut normal.as_mut_slice()[j * k..(j + 1) * k];
+                for (entry, q) in column[j..].iter_mut().zip(&row[j..]) {
+                    *entry += q * spread;
+                }
+            }
+            for (right, force) in right.iter_mut().zip(self.force[a]) {
+                for (entry, q) in right.iter_mut().zip(row) {
+                    *entry += q * force;
+                }
+            }
+        }
+        normal *= temper;
+        for (j, eigenvalue) in self.basis.eigenvalues.iter().enumerate() {
+            normal[(j, j)] += regularisation / eigenvalue;
+        }
+        // Only the lower triangle is filled, and only it is read. λσ²Λ⁻¹ makes it SPD.
+        let factor = normal.cholesky()?;
+        Some(right.map(|b| factor.solve(&(b * temper))))
+    }
+
+    /// Row `a` of S·Q, where S is the nine-point stencil.
+    fn spread(&self, a: usize, row: &mut [f64]) {
+        row.fill(0.0);
+        let stride = self.basis.controls[1] as isize;
+        for (place, weight) in self.stencil[a].iter().enumerate() {
+            if *weight == 0.0 {
+                continue;
+            }
+            let (di, dj) = (place as isize / 3 - 1, place as isize % 3 - 1);
+            let b = (a as isize + di * stride + dj) as usize;
+            for (entry, q) in row.iter_mut().zip(self.basis.row(b)) {
+                *entry += weight * q;
+            }
+        }
+    }
+
+    /// Moves the nodes and the mixture; returns the largest move of a node, metres.
+    fn apply(
+        &mut self,
+        modes: &[DVector<f64>; 3],
+        predicted: &[[f32; 3]],
+        nodes_m: &mut [[f32; 3]],
+    ) -> f32 {
+        for a in 0..self.basis.len() {
+            let row = self.basis.row(a);
+            self.moved[a] = [0, 1, 2]
+                .map(|axis| modes[axis].iter().zip(row).map(|(c, q)| c * q).sum::<f64>() as f32);
+        }
+        let before = nodes_m.to_vec();
+        for ((node, corner), start) in nodes_m.iter_mut().zip(&self.node_corners).zip(predicted) {
+            let offset = corner.interpolate(&self.moved, self.basis.controls[1]);
+            *node = [0, 1, 2].map(|axis| start[axis] + offset[axis]);
+        }
+        self.isometry.project(nodes_m, self.params.isometry_sweeps);
+        let moves = before
+            .iter()
+            .zip(nodes_m.iter())
+            .map(|(a, b)| (0..3).map(|axis| (b[axis] - a[axis]).powi(2)).sum::<f32>());
+        moves.fold(0f32, f32::max).sqrt()
+    }
+
+    /// σ with the E-step's soft correspondences and the components where they are now.
+    ///
+    /// Σp|x − y'|² = Σp|x − y|² − 2 Σ_m δ·Σ_n p(x − y) + Σ_m |δ|² Σ_n p, with y' = y + δ: no
+    /// large numbers are subtracted.
+    fn sigma_after(&mut self, nodes_m: &[[f32; 3]], squared_m2: f64, mass: f64) -> f32 {
+        let before = self.mixture.positions_m.clone();
+        self.mixture.place(nodes_m);
+        let mut squared = squared_m2;
+        for (m, old) in before.iter().enumerate() {
+            let new = self.mixture.positions_m[m];
+            for axis in 0..3 {
+                let delta = f64::from(new[axis]) - f64::from(old[axis]);
+                squared +=
+                    delta * (delta * self.mixture.mass[m] - 2.0 * self.mixture.pull_m[m][axis]);
+            }
+        }
+        (squared.max(0.0) / (3.0 * mass)).sqrt() as f32
+    }
+}

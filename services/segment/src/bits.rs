@@ -1,0 +1,211 @@
+//! Binary images, 64 pixels to a word, with square morphology.
+
+/// A binary image. Bits beyond the width are always zero.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct BitImage {
+    pub width: usize,
+    pub height: usize,
+    /// Words per row.
+    pub words: usize,
+    bits: Vec<u64>,
+}
+
+impl BitImage {
+    /// An empty image.
+    pub fn new(width: usize, height: usize) -> Self {
+        let words = width.div_ceil(64);
+        Self { width, height, words, bits: vec![0; words * height] }
+    }
+
+    pub fn get(&self, x: usize, y: usize) -> bool {
+        self.bits[y * self.words + x / 64] >> (x % 64) & 1 == 1
+    }
+
+    /// [`Self::get`], with nothing set outside the image.
+    pub fn get_or_unset(&self, x: i32, y: i32) -> bool {
+        (0..self.width as i32).contains(&x)
+            && (0..self.height as i32).contains(&y)
+            && self.get(x as usize, y as usize)
+    }
+
+    pub fn set(&mut self, x: usize, y: usize) {
+        self.bits[y * self.words + x / 64] |= 1 << (x % 64);
+    }
+
+    pub fn row(&self, y: usize) -> &[u64] {
+        &self.bits[y * self.words..(y + 1) * self.words]
+    }
+
+    pub fn row_mut(&mut self, y: usize) -> &mut [u64] {
+        &mut self.bits[y * self.words..(y + 1) * self.words]
+    }
+
+    /// Which bits of word `k` of a row are pixels.
+    pub fn used(&self, k: usize) -> u64 {
+        match self.width - 64 * k {
+            rest if rest >= 64 => !0,
+            rest => (1 << rest) - 1,
+        }
+    }
+
+    pub fn clear(&mut self) {
+        self.bits.fill(0);
+    }
+
+    pub fn count(&self) -> usize {
+        self.bits.iter().map(|w| w.count_ones() as usize).sum()
+    }
+
+    pub fn copy_from(&mut self, other: &Self) {
+        self.bits.copy_from_slice(&other.bits);
+    }
+
+    pub fn or(&mut self, other: &Self) {
+        self.bits.iter_mut().zip(&other.bits).for_each(|(a, b)| *a |= b);
+    }
+
+    pub fn and(&mut self, other: &Self) {
+        self.bits.iter_mut().zip(&other.bits).for_each(|(a, b)| *a &= b);
+    }
+
+    pub fn and_not(&mut self, other: &Self) {
+        self.bits.iter_mut().zip(&other.bits).for_each(|(a, b)| *a &= !b);
+    }
+
+    pub fn invert(&mut self) {
+        let last = self.used(self.words.saturating_sub(1));
+        for row in self.bits.chunks_exact_mut(self.words.max(1)) {
+            row.iter_mut().for_each(|w| *w = !*w);
+            if let Some(w) = row.last_mut() {
+                *w &= last;
+            }
+        }
+    }
+
+    /// Sets pixels `start..end` of row `y`.
+    pub fn set_run(&mut self, y: usize, start: usize, end: usize) {
+        for_words(start, end, |k, mask| self.bits[y * self.words + k] |= mask);
+    }
+
+    /// Number of set pixels in `start..end` of row `y`.
+    pub fn count_run(&self, y: usize, start: usize, end: usize) -> u32 {
+        let mut count = 0;
+        for_words(start, end, |k, mask| {
+            count += (self.bits[y * self.words + k] & mask).count_ones();
+        });
+        count
+    }
+
+    /// Sets every pixel whose pixel at `(x - dx, y - dy)` is set in `source`; `|dx| < 64`.
+    pub fn or_shifted(&mut self, source: &Self, dx: i32, dy: i32) {
+        for y in 0..self.height {
+            let from = y as i32 - dy;
+            if !(0..self.height as i32).contains(&from) {
+                continue;
+            }
+            let from = source.row(from as usize);
+            for k in 0..self.words {
+                let word = shifted(from, k, dx) & self.used(k);
+                self.bits[y * self.words + k] |= word;
+            }
+        }
+    }
+
+    /// Grows the set by a square of side `2 radius + 1`; `radius < 64`.
+    pub fn dilate(&mut self, radius: usize, scratch: &mut Self) {
+        for y in 0..self.height {
+            let row = self.row(y);
+            for k in 0..self.words {
+                let mut word = row[k];
+                for n in 1..=radius as i32 {
+                    word |= shifted(row, k, n) | shifted(row, k, -n);
+                }
+                scratch.bits[y * self.words + k] = word & self.used(k);
+            }
+        }
+        for y in 0..self.height {
+            let low = y.saturating_sub(radius);
+            let high = (y + radius + 1).min(self.height);
+            let out = &mut self.bits[y * self.words..(y + 1) * self.words];
+            out.copy_from_slice(scratch.row(low));
+            for other in low + 1..high {
+                out.iter_mut().zip(scratch.row(other)).for_each(|(a, b)| *a |= b);
+            }
+        }
+    }
+
+    /// Shrinks the set by a square of side `2 radius + 1`; outside the image counts as set.
+    pub fn erode(&mut self, radius: usize, scratch: &mut Self) {
+        self.invert();
+        self.dilate(radius, scratch);
+        self.invert();
+    }
+}
+
+/// Word `k` of a row shifted by `dx` pixels to the right.
+fn shifted(row: &[u64], k: usize, dx: i32) -> u64 {
+    match dx {
+        0 => row[k],
+        1.. => {
+            let carry = if k > 0 { row[k - 1] >> (64 - dx) } else { 0 };
+            row[k] << dx | carry
+        }
+        _ => {
+            let carry = row.get(k + 1).map_or(0, |next| next << (64 + dx));
+            row[k] >> -dx | carry
+        }
+    }
+}
+
+/// Calls `visit` with each word of `start..end` and the mask of the pixels in it.
+fn for_words(start: usize, end: usize, mut visit: impl FnMut(usize, u64)) {
+    if start >= end {
+        return;
+    }
+    for k in start / 64..=(end - 1) / 64 {
+        let low = start.saturating_sub(64 * k);
+        let high = (end - 64 * k).min(64);
+        visit(k, !0 << low & !0 >> (64 - high));
+    }
+}
+
+/// Packs bytes that are 0 or 1 into bits, first byte lowest.
+pub(crate) fn pack(bytes: &[u8; 64]) -> u64 {
+    let mut word = 0;
+    for (j, eight) in bytes.chunks_exact(8).enumerate() {
+        let mut group = [0; 8];
+        group.copy_from_slice(eight);
+        // Each factor bit moves one byte's lowest bit into the top byte, in order.
+        let packed = u64::from_le_bytes(group).wrapping_mul(0x0102_0408_1020_4080) >> 56;
+        word |= packed << (8 * j);
+    }
+    word
+}
+
+#[cfg(test)]
+pub(crate) mod picture {
+    //! Bit images as ASCII: `#` is set.
+    use super::BitImage;
+
+    pub fn parse(picture: &str) -> BitImage {
+        let rows: Vec<&str> = picture.split_whitespace().collect();
+        let mut image = BitImage::new(rows[0].len(), rows.len());
+        for (y, row) in rows.iter().enumerate() {
+            for (x, c) in row.chars().enumerate() {
+                if c == '#' {
+                    image.set(x, y);
+                }
+            }
+        }
+        image
+    }
+
+    pub fn draw(image: &BitImage) -> String {
+        (0..image.height)
+            .map(|y| {
+                let row = (0..image.width).map(|x| if image.get(x, y) { '#' } else { '.' });
+                row.chain(['\n']).collect::<String>()
+            })
+            .collect()
+    }
+}

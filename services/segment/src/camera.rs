@@ -1,0 +1,323 @@
+//! One camera's segmentation: the pixels' story, from a frame to points and edgels.
+
+use orime_geometry::{Edgel, RgbdCamera, RgbdFrame, SheetGrid};
+
+use crate::bits::BitImage;
+use crate::color_model::ColorTable;
+use crate::components::Components;
+use crate::contour::Contour;
+use crate::depth::DepthMap;
+use crate::inner_edge;
+use crate::learn::Learner;
+use crate::occluders::Occluders;
+use crate::params::SegmentParams;
+use crate::select::{Selector, SheetSize};
+use crate::steps::Steps;
+use crate::voxels::Voxels;
+
+/// Neighbourhood of sheet-coloured pixels that is searched for steps in depth, pixels.
+const REGION_PX: usize = 16;
+
+/// What became of one camera's frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Outcome {
+    /// No frame, or one of the wrong size.
+    NoFrame,
+    /// No sheet in the frame.
+    NoSheet,
+    /// The sheet was found.
+    Sheet,
+}
+
+/// Segments one camera's frames.
+#[derive(Debug)]
+pub(crate) struct CameraSegmenter {
+    index: u32,
+    camera: RgbdCamera,
+    params: SegmentParams,
+    size: SheetSize,
+    table: Option<ColorTable>,
+    learner: Learner,
+    /// Frames since the sheet was seen.
+    missed: u32,
+    map: DepthMap,
+    steps: Steps,
+    selector: Selector,
+    occluders: Occluders,
+    components: Components,
+    color: ColorImages,
+    depth: DepthImages,
+    /// Averaged points of the last frame.
+    pub voxels: Voxels,
+    /// Edgels of the last frame.
+    pub edgels: Vec<Edgel>,
+    /// Edgels that found no room.
+    pub edgels_left_out: u32,
+}
+
+/// Binary images of the colour camera's size.
+#[derive(Debug)]
+struct ColorImages {
+    candidate: BitImage,
+    /// The sheet, print filled in.
+    mask: BitImage,
+    eroded: BitImage,
+    around: BitImage,
+    occluded: BitImage,
+    scratch: BitImage,
+}
+
+/// Binary images of the depth camera's size.
+#[derive(Debug)]
+struct DepthImages {
+    sheet_colored: BitImage,
+    region: BitImage,
+    surface: BitImage,
+    accepted: BitImage,
+    refused: BitImage,
+    /// Pixels whose points were taken; kept for the next frame.
+    sheet: BitImage,
+    scratch: BitImage,
+}
+
+impl CameraSegmenter {
+    pub fn new(
+        index: usize,
+        camera: &RgbdCamera,
+        params: &SegmentParams,
+        sheet: &SheetGrid,
+    ) -> Self {
+        let [a_m, b_m] = sheet.size_m;
+        let area_m2 = a_m * b_m;
+        let (width, height) = (camera.color.width as usize, camera.color.height as usize);
+        let map = DepthMap::new(camera, params);
+        // A slanted surface passes through up to √3 cells per cell of its area.
+        let cells = 2.0 * params.area_ratio_max * area_m2 / (params.voxel_m * params.voxel_m);
+        let cells_max = (cells as usize + 1024).min(camera.depth.pixels());
+        let outline_px = 4 * (width + height);
+        Self {
+            index: index as u32,
+            camera: camera.clone(),
+            params: params.clone(),
+            size: SheetSize {
+                area_m2_max: (params.area_ratio_max * area_m2) as f32,
+                area_m2_min: (params.area_ratio_min * area_m2) as f32,
+                diagonal_m: a_m.hypot(b_m) as f32,
+            },
+            table: None,
+            learner: Learner::new(width, height, params.seed),
+            missed: 0,
+            steps: Steps::new(&map, params),
+            selector: Selector::new(map.width, map.height),
+            occluders: Occluders::new(map.width, map.height),
+            components: Components::new(width, height),
+            color: ColorImages::new(width, height),
+            depth: DepthImages::new(map.width, map.height),
+            voxels: Voxels::new(params.voxel_m as f32, index as u32, cells_max),
+            edgels: Vec::with_capacity(outline_px),
+            edgels_left_out: 0,
+            map,
+        }
+    }
+
+    /// The mask of the last frame.
+    pub fn mask(&self) -> &BitImage {
+        &self.color.mask
+    }
+
+    /// The averaged point `k` of the last frame.
+    pub fn point(&self, k: usize) -> orime_geometry::ObservedPoint {
+        self.voxels.point(k, &self.map, &self.depth.sheet)
+    }
+
+    /// Segments one frame; the results stay until the next.
+    pub fn segment(&mut self, frame: Option<RgbdFrame<'_>>) -> Outcome {
+        self.voxels.clear();
+        self.edgels.clear();
+        self.edgels_left_out = 0;
+        self.color.mask.clear();
+        let Some(frame) = frame.filter(|frame| frame.fits(&self.camera)) else {
+            return Outcome::NoFrame;
+        };
+        self.map.load(frame.depth_units);
+        let found = match self.table.take() {
+            Some(table) => {
+                let found = self.find_sheet(frame.color_rgb, &table).is_some();
+                self.table = Some(table);
+                found || (self.missed >= self.params.relearn_after_frames && self.learn(&frame))
+            }
+            None => self.learn(&frame),
+        };
+        if !found {
+            self.missed = self.missed.saturating_add(1);
+            self.color.mask.clear();
+            self.depth.sheet.clear();
+            return Outcome::NoSheet;
+        }
+        self.missed = 0;
+        self.take_points();
+        self.take_edgels(frame.color_rgb);
+        Outcome::Sheet
+    }
+
+    /// Finds a colour with which this frame shows the sheet, and the sheet with it.
+    fn learn(&mut self, frame: &RgbdFrame<'_>) -> bool {
+        if let Some(hint) = self.params.color_hint_rgb {
+            let hints = [hint, self.params.back_color_hint_rgb.unwrap_or(hint)];
+            let table = self.learner.from_hints(frame.color_rgb, &hints);
+            let found = self.find_sheet(frame.color_rgb, &table).is_some();
+            if found {
+                self.table = Some(table);
+            }
+            return found;
+        }
+        let least = self.params.learn_area_ratio_min / self.params.area_ratio_min;
+        let least_m2 = least as f32 * self.size.area_m2_min;
+        for table in self.learner.propose(frame.color_rgb) {
+            let area_m2 = self.find_sheet(frame.color_rgb, &table);
+            if area_m2.is_some_and(|area_m2| area_m2 >= least_m2) && !self.mask_at_border() {
+                self.table = Some(table);
+                return true;
+            }
+        }
+        false
+    }
+
+    fn mask_at_border(&self) -> bool {
+        let mask = &self.color.mask;
+        let (last_x, last_y) = (mask.width - 1, mask.height - 1);
+        (0..=last_x).any(|x| mask.get(x, 0) || mask.get(x, last_y))
+            || (0..=last_y).any(|y| mask.get(0, y) || mask.get(last_x, y))
+    }
+
+    /// From colours to the accepted patches of depth and the colour mask; the visible area, m².
+    fn find_sheet(&mut self, color_rgb: &[u8], table: &ColorTable) -> Option<f32> {
+        let (color, depth, params) = (&mut self.color, &mut self.depth, &self.params);
+        table.classify(color_rgb, &mut color.candidate);
+        color.candidate.erode(params.open_px, &mut color.scratch);
+        color.candidate.dilate(params.open_px + params.close_px, &mut color.scratch);
+        color.candidate.erode(params.close_px, &mut color.scratch);
+        self.components.find(&color.candidate, true);
+
+        self.map.look_up(&color.candidate, None, &mut depth.sheet_colored);
+        depth.region.copy_from(&depth.sheet_colored);
+        depth.region.dilate(REGION_PX, &mut depth.scratch);
+        color.eroded.copy_from(&color.candidate);
+        color.eroded.erode(params.mask_margin_px, &mut color.scratch);
+        self.map.look_up(&color.eroded, Some(&depth.region), &mut depth.surface);
+        self.steps.find(&self.map, &depth.region, &depth.sheet_colored);
+        depth.surface.and_not(&self.steps.edge);
+        let area_m2 = self.selector.select(
+            &self.map,
+            &depth.surface,
+            &self.steps,
+            &self.components,
+            &depth.sheet,
+            &self.size,
+            &mut depth.accepted,
+            &mut depth.refused,
+        )?;
+        self.build_mask();
+        Some(area_m2)
+    }
+
+    /// The colour mask of the accepted patches: their colour components, less what was refused,
+    /// with small holes filled.
+    fn build_mask(&mut self) {
+        let (color, depth) = (&mut self.color, &mut self.depth);
+        color.mask.clear();
+        for run in &self.components.runs {
+            if self.selector.accepts_color(run.component as usize) {
+                color.mask.set_run(run.y as usize, run.start as usize, run.end as usize);
+            }
+        }
+        color.eroded.clear();
+        self.map.splat(&depth.refused, &mut color.eroded);
+        color.eroded.dilate(2, &mut color.scratch);
+        color.mask.and_not(&color.eroded);
+
+        let hole_px_max = self.params.hole_ratio_max * color.mask.count() as f64;
+        self.components.find(&color.mask, false);
+        color.around.clear();
+        for run in &self.components.runs {
+            let component = &self.components.list[run.component as usize];
+            let (y, start, end) = (run.y as usize, run.start as usize, run.end as usize);
+            if component.at_border {
+                color.around.set_run(y, start, end);
+            } else if f64::from(component.pixels) <= hole_px_max {
+                color.mask.set_run(y, start, end);
+            }
+        }
+    }
+
+    /// Averages the points of the mask's depth pixels that see the sheet and nothing else.
+    fn take_points(&mut self) {
+        let (color, depth, params) = (&mut self.color, &mut self.depth, &self.params);
+        self.occluders.find(&self.steps, &depth.accepted);
+        color.eroded.copy_from(&color.mask);
+        color.eroded.erode(params.mask_margin_px, &mut color.scratch);
+        self.map.look_up(&color.eroded, Some(&depth.region), &mut depth.sheet);
+        depth.sheet.and_not(&self.steps.edge);
+        depth.refused.dilate(1, &mut depth.scratch);
+        depth.sheet.and_not(&depth.refused);
+        depth.surface.copy_from(&self.occluders.found);
+        depth.surface.dilate(params.occluder_margin_px, &mut depth.scratch);
+        depth.sheet.and_not(&depth.surface);
+        self.voxels.add(&self.map, &depth.sheet);
+    }
+
+    fn take_edgels(&mut self, color_rgb: &[u8]) {
+        let Some(table) = &self.table else { return };
+        let (color, depth, params) = (&mut self.color, &mut self.depth, &self.params);
+        color.occluded.clear();
+        self.map.splat(&self.occluders.found, &mut color.occluded);
+        color.occluded.dilate(params.edgel_occluder_margin_px, &mut color.scratch);
+        let contour = Contour {
+            color_rgb,
+            table,
+            mask: &color.mask,
+            around: &color.around,
+            occluded: &color.occluded,
+            camera: self.index,
+        };
+        self.edgels_left_out += contour.trace(params, &mut color.scratch, &mut self.edgels);
+        if params.inner_edgels {
+            self.edgels_left_out += inner_edge::trace(
+                &self.map,
+                &self.steps,
+                &depth.accepted,
+                self.index,
+                &mut self.edgels,
+            );
+        }
+    }
+}
+
+impl ColorImages {
+    fn new(width: usize, height: usize) -> Self {
+        let image = || BitImage::new(width, height);
+        Self {
+            candidate: image(),
+            mask: image(),
+            eroded: image(),
+            around: image(),
+            occluded: image(),
+            scratch: image(),
+        }
+    }
+}
+
+impl DepthImages {
+    fn new(width: usize, height: usize) -> Self {
+        let image = || BitImage::new(width, height);
+        Self {
+            sheet_colored: image(),
+            region: image(),
+            surface: image(),
+            accepted: image(),
+            refused: image(),
+            sheet: image(),
+            scratch: image(),
+        }
+    }
+}

@@ -1,0 +1,188 @@
+//! The outline of the sheet as sub-pixel edgels.
+//!
+//! From each pixel of the mask's outline a short profile runs along the mask's normal, from
+//! inside to outside. With the mean colours `i` inside and `o` outside, a pixel's *sheetness* is
+//! s = (c - o)·(i - o) / |i - o|², and the edge is where s = 1/2. Three parallel profiles give
+//! the position (their middle) and the direction (their slope) of a straight piece of edge.
+
+use orime_geometry::{Edgel, EdgelKind};
+
+use crate::bits::BitImage;
+use crate::color_model::ColorTable;
+use crate::params::SegmentParams;
+
+/// The profile runs this far to both sides, in half pixels.
+const HALF_STEPS: i32 = 6;
+
+/// Where the colours inside and outside are taken, pixels from the mask's outline.
+const PLATEAU_PX: [f32; 2] = [3.0, 4.0];
+
+/// Distance between the parallel profiles, pixels.
+const APART_PX: f32 = 2.0;
+
+/// Largest disagreement of the outer profiles' crossings with a straight edge, pixels.
+const BEND_MAX_PX: f32 = 0.75;
+
+/// Radius of the window that the mask's normal is taken from, pixels.
+const WINDOW_PX: i32 = 4;
+
+/// A colour image and what is known about its pixels.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Contour<'a> {
+    /// Row-major `r, g, b`.
+    pub color_rgb: &'a [u8],
+    pub table: &'a ColorTable,
+    /// The sheet, print filled in.
+    pub mask: &'a BitImage,
+    /// What lies around the mask, without the holes in it.
+    pub around: &'a BitImage,
+    /// Pixels at which the outline is not the sheet's, but of something in front of it.
+    pub occluded: &'a BitImage,
+    pub camera: u32,
+}
+
+impl Contour<'_> {
+    /// Appends the outline's edgels to `out`, in raster order, as far as it has capacity; returns
+    /// how many did not fit. `taken` is scratch of the image's size.
+    pub fn trace(&self, params: &SegmentParams, taken: &mut BitImage, out: &mut Vec<Edgel>) -> u32 {
+        taken.clear();
+        let mut left_out = 0;
+        let edge = 8;
+        for y in edge..self.mask.height.saturating_sub(edge) {
+            for k in 0..self.mask.words {
+                let mut rest = self.outline(k, y);
+                while rest != 0 {
+                    let x = 64 * k + rest.trailing_zeros() as usize;
+                    rest &= rest - 1;
+                    if x < edge || x + edge >= self.mask.width {
+                        continue;
+                    }
+                    let cell = [x, y].map(|c| c / params.edgel_spacing_px);
+                    if taken.get(cell[0], cell[1]) {
+                        continue;
+                    }
+                    let Some(edgel) = self.edgel(x, y, params.contrast_min as f32) else {
+                        continue;
+                    };
+                    taken.set(cell[0], cell[1]);
+                    if out.len() == out.capacity() {
+                        left_out += 1;
+                    } else {
+                        out.push(edgel);
+                    }
+                }
+            }
+        }
+        left_out
+    }
+
+    /// Pixels of the mask in word `k` of row `y` that touch what lies around it.
+    fn outline(&self, k: usize, y: usize) -> u64 {
+        let mask = self.mask.row(y)[k];
+        if mask == 0 || y == 0 || y + 1 == self.mask.height {
+            return 0;
+        }
+        let around = self.around.row(y);
+        let left = around[k] << 1 | if k > 0 { around[k - 1] >> 63 } else { 0 };
+        let right = around[k] >> 1 | around.get(k + 1).map_or(0, |next| next << 63);
+        mask & (left | right | self.around.row(y - 1)[k] | self.around.row(y + 1)[k])
+    }
+
+    fn edgel(&self, x: usize, y: usize, contrast_min: f32) -> Option<Edgel> {
+        if self.occluded.get(x, y) {
+            return None;
+        }
+        let normal = self.mask_normal(x as i32, y as i32)?;
+        let tangent = [-normal[1], normal[0]];
+        let centre = [x as f32 + 0.5 * normal[0], y as f32 + 0.5 * normal[1]];
+        let offset = |along: f32| {
+            let at = [0, 1].map(|k| centre[k] + along * APART_PX * tangent[k]);
+            self.crossing_px(at, normal, contrast_min)
+        };
+        let [before, here, after] = [offset(-1.0)?, offset(0.0)?, offset(1.0)?];
+        if ((before + after) / 2.0 - here).abs() > BEND_MAX_PX {
+            return None;
+        }
+        let mean = (before + here + after) / 3.0;
+        // The edge runs along `tangent + slope normal`; its normal is turned back by as much.
+        let slope = (after - before) / (2.0 * APART_PX);
+        let length = (1.0 + slope * slope).sqrt();
+        let normal_out = [0, 1].map(|k| (normal[k] - slope * tangent[k]) / length);
+        Some(Edgel {
+            position_px: [0, 1].map(|k| centre[k] + mean * normal[k]),
+            normal: normal_out,
+            camera: self.camera,
+            kind: EdgelKind::Silhouette as u32,
+        })
+    }
+
+    /// Outward normal of the mask, from the centre of its pixels in a round window.
+    fn mask_normal(&self, x: i32, y: i32) -> Option<[f32; 2]> {
+        let mut sum = [0, 0];
+        for dy in -WINDOW_PX..=WINDOW_PX {
+            for dx in -WINDOW_PX..=WINDOW_PX {
+                let inside = dx * dx + dy * dy <= WINDOW_PX * WINDOW_PX;
+                if inside && self.mask.get_or_unset(x + dx, y + dy) {
+                    sum = [sum[0] - dx, sum[1] - dy];
+                }
+            }
+        }
+        let length = ((sum[0] * sum[0] + sum[1] * sum[1]) as f32).sqrt();
+        (length > 0.0).then(|| sum.map(|s| s as f32 / length))
+    }
+
+    /// Signed distance along `normal` from `at` to where the sheet's colour ends, pixels.
+    fn crossing_px(&self, at: [f32; 2], normal: [f32; 2], contrast_min: f32) -> Option<f32> {
+        let sample = |t: f32| self.sample([at[0] + t * normal[0], at[1] + t * normal[1]]);
+        let plateau = |sign: f32| {
+            let [a, b] = PLATEAU_PX.map(|t| sample(sign * t));
+            [0, 1, 2].map(|k| (a[k] + b[k]) / 2.0)
+        };
+        let (inside, outside) = (plateau(-1.0), plateau(1.0));
+        if !self.is_sheet(inside) || self.is_sheet(outside) {
+            return None;
+        }
+        let across = [0, 1, 2].map(|k| inside[k] - outside[k]);
+        let contrast_squared: f32 = across.iter().map(|d| d * d).sum();
+        if contrast_squared < contrast_min * contrast_min {
+            return None;
+        }
+        let sheetness = |t: f32| {
+            let color = sample(t);
+            (0..3).map(|k| (color[k] - outside[k]) * across[k]).sum::<f32>() / contrast_squared
+        };
+        let mut best: Option<f32> = None;
+        let mut before = sheetness(-0.5 * HALF_STEPS as f32);
+        for step in 1 - HALF_STEPS..=HALF_STEPS {
+            let t = 0.5 * step as f32;
+            let here = sheetness(t);
+            if before >= 0.5 && here < 0.5 {
+                let crossing = t - 0.5 * (0.5 - here) / (before - here);
+                if best.is_none_or(|b| crossing.abs() < b.abs()) {
+                    best = Some(crossing);
+                }
+            }
+            before = here;
+        }
+        best
+    }
+
+    fn is_sheet(&self, color: [f32; 3]) -> bool {
+        self.table.is_sheet(color.map(|c| c as u8))
+    }
+
+    /// Bilinear colour; the position must be inside the image.
+    fn sample(&self, [x, y]: [f32; 2]) -> [f32; 3] {
+        let (column, row) = (x as usize, y as usize);
+        let (fx, fy) = (x - column as f32, y - row as f32);
+        let width = self.mask.width;
+        let at = 3 * (row * width + column);
+        let (top, bottom) = (&self.color_rgb[at..at + 6], &self.color_rgb[at + 3 * width..]);
+        [0, 1, 2].map(|k| {
+            let mix =
+                |row: &[u8]| f32::from(row[k]) + fx * (f32::from(row[k + 3]) - f32::from(row[k]));
+            let (a, b) = (mix(top), mix(bottom));
+            a + fy * (b - a)
+        })
+    }
+}

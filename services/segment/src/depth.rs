@@ -1,0 +1,242 @@
+//! One camera's depth image in metres, and where its pixels lie in the world and in colour.
+
+use orime_geometry::nalgebra::{Isometry3, Vector2};
+use orime_geometry::{CameraModel, RgbdCamera};
+
+use crate::bits::{BitImage, pack};
+use crate::params::SegmentParams;
+
+/// Pixels around the depth image that hold no depth, so that neighbours need no bounds.
+pub(crate) const PAD: usize = 8;
+
+/// No colour pixel.
+const NOWHERE: u32 = u32::MAX;
+
+/// Geometry of a depth image, and the image that was loaded last.
+#[derive(Debug)]
+pub(crate) struct DepthMap {
+    pub width: usize,
+    pub height: usize,
+    /// Focal lengths, pixels.
+    pub focal_px: [f32; 2],
+    /// Pixels with a depth that may be the sheet's.
+    pub valid: BitImage,
+    /// Depth along the optical axis, metres, NaN where not `valid`; padded on all sides.
+    z_m: Vec<f32>,
+    stride: usize,
+    unit_m: f32,
+    range_m: [f32; 2],
+    workspace_m: Option<[[f32; 3]; 2]>,
+    world: Rays,
+    /// `None` where depth is registered to colour.
+    color: Option<ColorLens>,
+}
+
+/// Viewing rays of all pixels in some frame: a point is `origin_m + z ray`.
+#[derive(Debug)]
+struct Rays {
+    rays: Vec<[f32; 3]>,
+    origin_m: [f32; 3],
+}
+
+impl Rays {
+    fn new(camera: &CameraModel, target_from_depth: &Isometry3<f64>) -> Self {
+        let mut rays = Vec::with_capacity(camera.pixels());
+        for y in 0..camera.height {
+            for x in 0..camera.width {
+                let ray = camera.ray(Vector2::new(f64::from(x), f64::from(y)));
+                rays.push((target_from_depth.rotation * ray).cast::<f32>().into());
+            }
+        }
+        let origin_m = target_from_depth.translation.vector.cast::<f32>().into();
+        Self { rays, origin_m }
+    }
+
+    fn point(&self, pixel: usize, z_m: f32) -> [f32; 3] {
+        let ray = self.rays[pixel];
+        [0, 1, 2].map(|axis| self.origin_m[axis] + z_m * ray[axis])
+    }
+}
+
+/// How the colour camera sees the depth image's points.
+#[derive(Debug)]
+struct ColorLens {
+    rays: Rays,
+    lens: CameraModel,
+    /// Colour pixel (row-major) of each depth pixel of the loaded image.
+    pixels: Vec<u32>,
+}
+
+impl DepthMap {
+    pub fn new(camera: &RgbdCamera, params: &SegmentParams) -> Self {
+        let (width, height) = (camera.depth.width as usize, camera.depth.height as usize);
+        let stride = width.next_multiple_of(64) + 2 * PAD;
+        let color = (!camera.depth_is_registered()).then(|| ColorLens {
+            rays: Rays::new(&camera.depth, &camera.color_from_depth),
+            lens: camera.color.clone(),
+            pixels: vec![NOWHERE; camera.depth.pixels()],
+        });
+        Self {
+            width,
+            height,
+            focal_px: [camera.depth.fx_px as f32, camera.depth.fy_px as f32],
+            valid: BitImage::new(width, height),
+            z_m: vec![f32::NAN; stride * (height + 2 * PAD)],
+            stride,
+            unit_m: camera.depth_m_per_unit as f32,
+            range_m: [params.depth_min_m as f32, params.depth_max_m as f32],
+            workspace_m: params.workspace_m.map(|b| b.map(|p| p.map(|x| x as f32))),
+            world: Rays::new(&camera.depth, &camera.world_from_depth()),
+            color,
+        }
+    }
+
+    /// Takes over a raw image: `width * height` values, 0 where there is no return.
+    pub fn load(&mut self, depth_units: &[u16]) {
+        let [low, high] = self.range_m;
+        for y in 0..self.height {
+            let raw = &depth_units[y * self.width..(y + 1) * self.width];
+            let start = (y + PAD) * self.stride + PAD;
+            let z_m = &mut self.z_m[start..start + self.width];
+            for (z, raw) in z_m.iter_mut().zip(raw) {
+                let depth_m = f32::from(*raw) * self.unit_m;
+                *z =
+                    if *raw != 0 && low <= depth_m && depth_m <= high { depth_m } else { f32::NAN };
+            }
+            for (word, z) in self.valid.row_mut(y).iter_mut().zip(z_m.chunks(64)) {
+                let mut bytes = [0; 64];
+                bytes.iter_mut().zip(z).for_each(|(byte, z)| *byte = u8::from(*z > 0.0));
+                *word = pack(&bytes);
+            }
+        }
+        self.apply_workspace();
+        self.project();
+    }
+
+    /// Depth in metres, NaN where there is none; `x`, `y` may be up to [`PAD`] outside.
+    pub fn z_m(&self, x: i32, y: i32) -> f32 {
+        self.z_m[self.index(x, y)]
+    }
+
+    /// Depth of the 64 pixels from `x` on in row `y`; both may be up to [`PAD`] outside.
+    pub fn z_block(&self, x: i32, y: i32) -> &[f32] {
+        let start = self.index(x, y);
+        &self.z_m[start..start + 64]
+    }
+
+    /// World position of a pixel's point, metres.
+    pub fn world_m(&self, x: usize, y: usize) -> [f32; 3] {
+        self.world.point(y * self.width + x, self.z_m(x as i32, y as i32))
+    }
+
+    /// Viewing ray of a pixel in world axes, `z = 1` along the optical axis.
+    pub fn world_ray(&self, x: usize, y: usize) -> [f32; 3] {
+        self.world.rays[y * self.width + x]
+    }
+
+    /// The depth pixels whose colour pixel is set in `mask`, into `out`. `words` says which
+    /// words of `out` are asked for.
+    pub fn look_up(&self, mask: &BitImage, within: Option<&BitImage>, out: &mut BitImage) {
+        let Some(color) = &self.color else {
+            out.copy_from(mask);
+            out.and(&self.valid);
+            return;
+        };
+        for y in 0..self.height {
+            let pixels = &color.pixels[y * self.width..(y + 1) * self.width];
+            for (k, chunk) in pixels.chunks(64).enumerate() {
+                let asked = within.map_or(!0, |w| w.row(y)[k]);
+                let mut rest = asked & self.valid.row(y)[k];
+                let mut word = 0;
+                while rest != 0 {
+                    let bit = rest.trailing_zeros();
+                    rest &= rest - 1;
+                    let at = chunk[bit as usize] as usize;
+                    let set = chunk[bit as usize] != NOWHERE
+                        && mask.get(at % mask.width, at / mask.width);
+                    word |= u64::from(set) << bit;
+                }
+                out.row_mut(y)[k] = word;
+            }
+        }
+    }
+
+    /// Sets the colour pixels of the set depth pixels in `out`, which keeps what it had.
+    pub fn splat(&self, depth_pixels: &BitImage, out: &mut BitImage) {
+        let Some(color) = &self.color else {
+            out.or(depth_pixels);
+            return;
+        };
+        for y in 0..self.height {
+            for k in 0..depth_pixels.words {
+                let mut rest = depth_pixels.row(y)[k];
+                while rest != 0 {
+                    let x = 64 * k + rest.trailing_zeros() as usize;
+                    rest &= rest - 1;
+                    let at = color.pixels[y * self.width + x];
+                    if at != NOWHERE {
+                        out.set(at as usize % out.width, at as usize / out.width);
+                    }
+                }
+            }
+        }
+    }
+
+    /// The colour pixel (nearest) of a depth pixel of the loaded image.
+    pub fn color_pixel(&self, x: usize, y: usize) -> Option<(usize, usize)> {
+        let Some(color) = &self.color else { return Some((x, y)) };
+        let at = color.pixels[y * self.width + x];
+        let width = color.lens.width as usize;
+        (at != NOWHERE).then_some((at as usize % width, at as usize / width))
+    }
+
+    fn index(&self, x: i32, y: i32) -> usize {
+        let (x, y) = (x + PAD as i32, y + PAD as i32);
+        y as usize * self.stride + x as usize
+    }
+
+    fn apply_workspace(&mut self) {
+        let Some([low, high]) = self.workspace_m else { return };
+        for y in 0..self.height {
+            for x in 0..self.width {
+                let point = self.world_m(x, y);
+                if !(0..3).all(|axis| low[axis] <= point[axis] && point[axis] <= high[axis]) {
+                    let at = self.index(x as i32, y as i32);
+                    self.z_m[at] = f32::NAN;
+                    self.valid.row_mut(y)[x / 64] &= !(1 << (x % 64));
+                }
+            }
+        }
+    }
+
+    /// Finds each depth pixel's colour pixel: `K D(R z ray + t)`, to the nearest centre.
+    fn project(&mut self) {
+        let Some(color) = &mut self.color else { return };
+        let lens = &color.lens;
+        let (width, height) = (lens.width as f32, lens.height as f32);
+        let [fx, fy, cx, cy] =
+            [lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px].map(|value| value as f32);
+        let [k1, k2, p1, p2, k3] = lens.distortion.map(|value| value as f32);
+        let origin = color.rays.origin_m;
+        for y in 0..self.height {
+            let start = (y + PAD) * self.stride + PAD;
+            let z_m = &self.z_m[start..start + self.width];
+            let range = y * self.width..(y + 1) * self.width;
+            let rays = &color.rays.rays[range.clone()];
+            for ((pixel, z), ray) in color.pixels[range].iter_mut().zip(z_m).zip(rays) {
+                let depth = origin[2] + z * ray[2];
+                let inverse = 1.0 / depth;
+                let x = (origin[0] + z * ray[0]) * inverse;
+                let y = (origin[1] + z * ray[1]) * inverse;
+                let r2 = x * x + y * y;
+                let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+                let u = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x);
+                let v = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y;
+                let (u, v) = (fx * u + cx + 0.5, fy * v + cy + 0.5);
+                // NaN (no depth) fails every comparison.
+                let inside = depth > 0.0 && 0.0 <= u && u < width && 0.0 <= v && v < height;
+                *pixel = if inside { v as u32 * lens.width + u as u32 } else { NOWHERE };
+            }
+        }
+    }
+}

@@ -1,0 +1,185 @@
+//! Learning the sheet's colours from a picture, without a click.
+//!
+//! The sheet is taken for the largest × brightest region without texture that does not touch
+//! the image's border; its surroundings are the clusters of the border's colours. Where the
+//! border is one plain colour and nothing without texture fits (printed cloth before a blank
+//! background), everything unlike the border is tried.
+
+use crate::bits::BitImage;
+use crate::color_model::{ColorTable, Feature, distance_squared, feature, k_means};
+use crate::components::Components;
+
+/// Largest standard deviation of brightness over 9 × 9 pixels without texture, of 255.
+const FLAT_DEVIATION_MAX: f32 = 6.0;
+
+/// Radius of that window, pixels.
+const WINDOW_PX: usize = 4;
+
+/// Smallest region without texture, as a share of the image.
+const REGION_SHARE_MIN: f32 = 0.003;
+
+/// Most regions that are tried in one frame.
+const REGIONS_MAX: usize = 4;
+
+/// Clusters of the border's colours.
+const BORDER_CLUSTERS: usize = 5;
+
+/// Border colours this near to the sheet's are the sheet's.
+const SAME_COLOR: f32 = 0.12;
+
+/// A border whose clusters are all this near to each other is plain, and what is farther from
+/// it is something else.
+const PLAIN: f32 = 0.3;
+
+/// Finds colours that may be the sheet's; keeps its memory.
+#[derive(Debug)]
+pub(crate) struct Learner {
+    seed: u64,
+    gray: Vec<u8>,
+    /// Sums of brightness and of its square down each column of the window.
+    columns: Vec<[u32; 2]>,
+    flat: BitImage,
+    components: Components,
+    samples: Vec<Feature>,
+}
+
+impl Learner {
+    pub fn new(width: usize, height: usize, seed: u64) -> Self {
+        Self {
+            seed,
+            gray: vec![0; width * height],
+            columns: vec![[0; 2]; width],
+            flat: BitImage::new(width, height),
+            components: Components::new(width, height),
+            samples: Vec::with_capacity(width * height),
+        }
+    }
+
+    /// Colour tables worth trying on this picture, best first.
+    pub fn propose(&mut self, color_rgb: &[u8]) -> Vec<ColorTable> {
+        self.find_flat(color_rgb);
+        self.components.find(&self.flat, true);
+        let around = self.border_clusters(color_rgb);
+        let mut tables: Vec<ColorTable> = self
+            .regions()
+            .into_iter()
+            .map(|region| {
+                let seed = self.median_feature(color_rgb, region);
+                two_class(&[seed], &around)
+            })
+            .collect();
+        let spread = |a: &Feature| around.iter().all(|b| distance_squared(a, b) < PLAIN * PLAIN);
+        if around.iter().all(spread) {
+            tables.push(ColorTable::unlike(&around, PLAIN));
+        }
+        tables
+    }
+
+    /// The table of a sheet whose colours are known, in front of this picture's border.
+    pub fn from_hints(&mut self, color_rgb: &[u8], hints: &[[u8; 3]]) -> ColorTable {
+        let seeds: Vec<Feature> = hints.iter().map(|c| feature(c.map(f32::from))).collect();
+        let around = self.border_clusters(color_rgb);
+        two_class(&seeds, &around)
+    }
+
+    fn find_flat(&mut self, color_rgb: &[u8]) {
+        for (gray, rgb) in self.gray.iter_mut().zip(color_rgb.chunks_exact(3)) {
+            let sum = u16::from(rgb[0]) + 2 * u16::from(rgb[1]) + u16::from(rgb[2]);
+            *gray = (sum / 4) as u8;
+        }
+        self.flat.clear();
+        let (width, height) = (self.flat.width, self.flat.height);
+        let side = 2 * WINDOW_PX + 1;
+        if width < side || height < side {
+            return;
+        }
+        let count = (side * side) as f32;
+        for y in WINDOW_PX..height - WINDOW_PX {
+            for (x, column) in self.columns.iter_mut().enumerate() {
+                let rows = (y - WINDOW_PX)..=(y + WINDOW_PX);
+                let values = rows.map(|row| u32::from(self.gray[row * width + x]));
+                *column = values.fold([0, 0], |[s, q], v| [s + v, q + v * v]);
+            }
+            let mut sum = [0, 0];
+            for x in 0..width {
+                (0..2).for_each(|k| sum[k] += self.columns[x][k]);
+                if x + 1 >= side {
+                    let mean = sum[0] as f32 / count;
+                    let variance = sum[1] as f32 / count - mean * mean;
+                    if variance < FLAT_DEVIATION_MAX * FLAT_DEVIATION_MAX {
+                        self.flat.set(x - WINDOW_PX, y);
+                    }
+                    (0..2).for_each(|k| sum[k] -= self.columns[x + 1 - side][k]);
+                }
+            }
+        }
+    }
+
+    /// Regions without texture that do not reach the border, best first.
+    fn regions(&self) -> Vec<usize> {
+        let (width, height) = (self.flat.width, self.flat.height);
+        let list = &self.components.list;
+        let least = REGION_SHARE_MIN * (width * height) as f32;
+        let mut brightness = vec![0.0; list.len()];
+        let mut inside = vec![true; list.len()];
+        for run in &self.components.runs {
+            let (y, start, end) = (run.y as usize, run.start as usize, run.end as usize);
+            let row = &self.gray[y * width + start..y * width + end];
+            let sum: u32 = row.iter().map(|g| u32::from(*g)).sum();
+            brightness[run.component as usize] += f64::from(sum);
+            // The window itself keeps off the border by its radius.
+            inside[run.component as usize] &= y > WINDOW_PX
+                && y + WINDOW_PX + 1 < height
+                && start > WINDOW_PX
+                && end + WINDOW_PX < width;
+        }
+        let mut regions: Vec<usize> =
+            (0..list.len()).filter(|k| inside[*k] && list[*k].pixels as f32 >= least).collect();
+        // The sum of brightness is the area times the mean brightness.
+        regions.sort_by(|a, b| brightness[*b].total_cmp(&brightness[*a]).then(a.cmp(b)));
+        regions.truncate(REGIONS_MAX);
+        regions
+    }
+
+    fn median_feature(&mut self, color_rgb: &[u8], region: usize) -> Feature {
+        let width = self.flat.width;
+        self.samples.clear();
+        for run in self.components.runs.iter().filter(|run| run.component as usize == region) {
+            let pixels = (run.start..run.end).map(|x| run.y as usize * width + x as usize);
+            self.samples.extend(pixels.map(|at| feature_at(color_rgb, at)));
+        }
+        let middle = self.samples.len() / 2;
+        [0, 1, 2].map(|axis| {
+            let by_axis = |a: &Feature, b: &Feature| a[axis].total_cmp(&b[axis]);
+            self.samples.select_nth_unstable_by(middle, by_axis).1[axis]
+        })
+    }
+
+    /// Clusters of the colours of a strip along the border, a fiftieth of the image wide.
+    fn border_clusters(&mut self, color_rgb: &[u8]) -> Vec<Feature> {
+        let (width, height) = (self.flat.width, self.flat.height);
+        let strip = (width / 50).max(1);
+        self.samples.clear();
+        for y in 0..height {
+            let whole = y < strip || y + strip >= height;
+            for x in 0..width {
+                if (whole || x < strip || x + strip >= width) && (x + y) % 5 == 0 {
+                    self.samples.push(feature_at(color_rgb, y * width + x));
+                }
+            }
+        }
+        k_means(&self.samples, BORDER_CLUSTERS, self.seed)
+    }
+}
+
+fn two_class(seeds: &[Feature], around: &[Feature]) -> ColorTable {
+    let other =
+        |c: &&Feature| seeds.iter().all(|seed| distance_squared(seed, c) > SAME_COLOR * SAME_COLOR);
+    let around: Vec<Feature> = around.iter().filter(other).copied().collect();
+    ColorTable::two_class(seeds, &around)
+}
+
+fn feature_at(color_rgb: &[u8], pixel: usize) -> Feature {
+    let rgb = &color_rgb[3 * pixel..3 * pixel + 3];
+    feature([rgb[0], rgb[1], rgb[2]].map(f32::from))
+}

@@ -1,0 +1,210 @@
+//! The `[segment]` section of a set.
+
+use orime_params::{Checker, Problem};
+use serde::{Deserialize, Serialize};
+
+/// The `[segment]` section of a set.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SegmentParams {
+    /// The sheet's colour, 8-bit `[r, g, b]` as the cameras show it. Without it the colour is
+    /// learnt from the first frames that show most of the sheet clear of the image's border.
+    /// Default none.
+    pub color_hint_rgb: Option<[u8; 3]>,
+    /// The colour of the sheet's other side, where it differs; needs `color_hint_rgb`.
+    /// Default none.
+    pub back_color_hint_rgb: Option<[u8; 3]>,
+    /// Seed of the clustering of the surroundings' colours. Default 1.
+    pub seed: u64,
+    /// Depths below this are not the sheet, metres. Default 0.15.
+    pub depth_min_m: f64,
+    /// Depths above this are not the sheet, metres. Lower is safer against a similar background.
+    /// Default 3.0.
+    pub depth_max_m: f64,
+    /// Corners `[[x, y, z], [x, y, z]]` of a box in the world, metres; points outside are not
+    /// the sheet. Default none: everywhere.
+    pub workspace_m: Option<[[f64; 3]; 2]>,
+    /// Radius of the opening of the colour mask, pixels. More removes thicker bridges to other
+    /// things of the sheet's colour, and the sheet's sharpest corners. Default 1.
+    pub open_px: usize,
+    /// Radius of the closing of the colour mask, pixels. More bridges broader print and pens,
+    /// and blunts notches. Default 4.
+    pub close_px: usize,
+    /// Largest hole (print, markers) that is filled, as a share of the sheet's visible area.
+    /// More fills larger print, and fingertips. Default 0.03.
+    pub hole_ratio_max: f64,
+    /// Largest visible area, as a share of the sheet's. Above 1 for depth noise and the pixels
+    /// on the outline. Default 1.3.
+    pub area_ratio_max: f64,
+    /// Smallest visible area of a sheet that is tracked, as a share of the sheet's. Default 0.03.
+    pub area_ratio_min: f64,
+    /// Smallest visible area (as seen, so foreshortened) from which a colour is learnt, as a
+    /// share of the sheet's. Lower learns from a sheet that hands cover, and sooner from
+    /// something that is no sheet. Default 0.3.
+    pub learn_area_ratio_min: f64,
+    /// Frames without the sheet after which its colour is learnt anew, beside the colour that is
+    /// known. Default 15.
+    pub relearn_after_frames: u32,
+    /// Depth within this of the colour mask's outline is dropped, pixels of the colour image.
+    /// More is safer against depth and colour that disagree; it costs points at edges. Default 2.
+    pub mask_margin_px: usize,
+    /// Depth within this of something nearer than the sheet is dropped, pixels of the depth
+    /// image. Default 5.
+    pub occluder_margin_px: usize,
+    /// Edgels within this of something nearer than the sheet are dropped, pixels of the colour
+    /// image. Default 5.
+    pub edgel_occluder_margin_px: usize,
+    /// Smallest step in depth that separates surfaces, metres, for near things. Less separates
+    /// flatter hands, and tears noisy depth apart. Default 0.004.
+    pub step_m: f64,
+    /// Growth of that step with the square of the distance, metres per square metre; depth noise
+    /// of stereo and structured-light cameras grows like that. Default 0.006.
+    pub step_growth_per_m: f64,
+    /// Side of the cells over which points are averaged, metres. Less keeps finer shape and
+    /// noise, at more points. Default 0.003.
+    pub voxel_m: f64,
+    /// Rough distance between edgels along the outline, pixels. Default 2.
+    pub edgel_spacing_px: usize,
+    /// Smallest contrast across the outline that makes an edgel, of 255. Default 24.
+    pub contrast_min: f64,
+    /// Whether steps in depth inside the mask (the edge of a flap) become edgels. Default true.
+    pub inner_edgels: bool,
+}
+
+impl Default for SegmentParams {
+    fn default() -> Self {
+        Self {
+            color_hint_rgb: None,
+            back_color_hint_rgb: None,
+            seed: 1,
+            depth_min_m: 0.15,
+            depth_max_m: 3.0,
+            workspace_m: None,
+            open_px: 1,
+            close_px: 4,
+            hole_ratio_max: 0.03,
+            area_ratio_max: 1.3,
+            area_ratio_min: 0.03,
+            learn_area_ratio_min: 0.3,
+            relearn_after_frames: 15,
+            mask_margin_px: 2,
+            occluder_margin_px: 5,
+            edgel_occluder_margin_px: 5,
+            step_m: 0.004,
+            step_growth_per_m: 0.006,
+            voxel_m: 0.003,
+            edgel_spacing_px: 2,
+            contrast_min: 24.0,
+            inner_edgels: true,
+        }
+    }
+}
+
+impl SegmentParams {
+    /// Checks the section; every problem at once.
+    pub fn check(&self) -> Result<SegmentConfig, Vec<Problem>> {
+        let mut checker = Checker::new();
+        self.check_gates(&mut checker);
+        self.check_masks(&mut checker);
+        checker.finish(|| SegmentConfig { params: self.clone() })
+    }
+
+    fn check_gates(&self, checker: &mut Checker) {
+        let (low, high) = (self.depth_min_m, self.depth_max_m);
+        checker.require(
+            0.0 < low && low < high && high <= 20.0,
+            "depth_min_m",
+            [low, high],
+            "needs 0 < depth_min_m < depth_max_m <= 20 metres",
+        );
+        if let Some([low, high]) = self.workspace_m {
+            checker.require(
+                low.iter().zip(high).all(|(l, h)| *l < h && l.is_finite() && h.is_finite()),
+                "workspace_m",
+                [low, high],
+                "each coordinate of the first corner must be below that of the second",
+            );
+        }
+        checker.require(
+            self.back_color_hint_rgb.is_none() || self.color_hint_rgb.is_some(),
+            "back_color_hint_rgb",
+            self.back_color_hint_rgb,
+            "give `color_hint_rgb` too",
+        );
+        let in_range = |x: f64, low: f64, high: f64| low <= x && x <= high;
+        for (key, value, low, high, requirement) in [
+            ("step_m", self.step_m, 5e-4, 0.1, "must be 0.0005 to 0.1 metres"),
+            ("step_growth_per_m", self.step_growth_per_m, 0.0, 0.1, "must be 0 to 0.1 per metre"),
+            ("voxel_m", self.voxel_m, 5e-4, 0.1, "must be 0.0005 to 0.1 metres"),
+            ("area_ratio_max", self.area_ratio_max, 1.0, 4.0, "must be 1 to 4"),
+            ("hole_ratio_max", self.hole_ratio_max, 0.0, 0.5, "must be 0 to 0.5"),
+            ("contrast_min", self.contrast_min, 1.0, 255.0, "must be 1 to 255"),
+        ] {
+            checker.require(in_range(value, low, high), key, value, requirement);
+        }
+        let (min, learn) = (self.area_ratio_min, self.learn_area_ratio_min);
+        checker.require(
+            0.0 < min && min <= learn && learn <= 1.0,
+            "area_ratio_min",
+            [min, learn],
+            "needs 0 < area_ratio_min <= learn_area_ratio_min <= 1",
+        );
+    }
+
+    fn check_masks(&self, checker: &mut Checker) {
+        for (key, value, low, high) in [
+            ("open_px", self.open_px, 0, 16),
+            ("close_px", self.close_px, 0, 16),
+            ("mask_margin_px", self.mask_margin_px, 0, 16),
+            ("occluder_margin_px", self.occluder_margin_px, 0, 32),
+            ("edgel_occluder_margin_px", self.edgel_occluder_margin_px, 0, 32),
+            ("edgel_spacing_px", self.edgel_spacing_px, 1, 64),
+        ] {
+            let requirement = format!("must be {low} to {high} pixels");
+            checker.require((low..=high).contains(&value), key, value, &requirement);
+        }
+    }
+}
+
+/// Checked [`SegmentParams`].
+#[derive(Debug, Clone)]
+pub struct SegmentConfig {
+    pub(crate) params: SegmentParams,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_defaults_are_a_config() {
+        assert!(SegmentParams::default().check().is_ok());
+    }
+
+    #[test]
+    fn every_problem_is_reported() {
+        let params = SegmentParams {
+            depth_min_m: f64::NAN,
+            workspace_m: Some([[0.0; 3], [1.0, -1.0, 1.0]]),
+            back_color_hint_rgb: Some([0; 3]),
+            voxel_m: 3.0,
+            area_ratio_min: 0.9,
+            close_px: 400,
+            edgel_spacing_px: 0,
+            ..SegmentParams::default()
+        };
+        let keys: Vec<String> = params.check().unwrap_err().into_iter().map(|p| p.key).collect();
+        assert_eq!(
+            keys,
+            [
+                "depth_min_m",
+                "workspace_m",
+                "back_color_hint_rgb",
+                "voxel_m",
+                "area_ratio_min",
+                "close_px",
+                "edgel_spacing_px",
+            ]
+        );
+    }
+}

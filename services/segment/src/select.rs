@@ -1,0 +1,195 @@
+//! Which patches of surface are the sheet, among all that have its colour.
+//!
+//! A patch is a component of sheet-coloured depth pixels that no step in depth crosses. The
+//! largest that is not larger than the sheet is its *anchor*. A hand in the mask, over-exposed
+//! or reddish white, is a patch of its own in front of the anchor and is refused; a part of the
+//! sheet that a hand cuts off is a patch *behind* something, and is accepted if in reach.
+
+use crate::bits::BitImage;
+use crate::components::Components;
+use crate::depth::DepthMap;
+use crate::steps::{DIRECTIONS, SPAN_PX, Steps};
+
+/// Smaller patches are dropped, pixels.
+const PATCH_MIN_PX: u32 = 24;
+
+/// Share of a patch's outline from which steps along it count.
+const OUTLINE_SHARE: f32 = 0.12;
+
+/// Limits that follow from the sheet's size and the params.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct SheetSize {
+    /// Largest and smallest visible area, m².
+    pub area_m2_max: f32,
+    pub area_m2_min: f32,
+    /// Largest distance between two points, metres.
+    pub diagonal_m: f32,
+}
+
+/// One patch of surface.
+#[derive(Debug, Clone, Copy, Default)]
+struct Patch {
+    pixels: u32,
+    /// As seen: not corrected for slant, so never above the true area.
+    area_m2: f32,
+    /// Sum over runs of centre times pixels, world, m.
+    moment_m: [f32; 3],
+    /// Pixels that are nearer, farther than what lies across a step.
+    near: u32,
+    far: u32,
+    /// Runs: about half the length of the outline.
+    runs: u32,
+    /// Pixels that were sheet in the frame before.
+    before: u32,
+    /// Colour component, counted from 1.
+    color: u32,
+    accepted: bool,
+}
+
+/// Chooses patches; keeps its memory.
+#[derive(Debug)]
+pub(crate) struct Selector {
+    components: Components,
+    patches: Vec<Patch>,
+    order: Vec<u32>,
+    near: BitImage,
+    far: BitImage,
+    scratch: BitImage,
+}
+
+impl Selector {
+    pub fn new(width: usize, height: usize) -> Self {
+        let image = || BitImage::new(width, height);
+        Self {
+            components: Components::new(width, height),
+            patches: Vec::with_capacity(width.div_ceil(2) * height),
+            order: Vec::with_capacity(width.div_ceil(2) * height),
+            near: image(),
+            far: image(),
+            scratch: image(),
+        }
+    }
+
+    /// Splits `surface` (sheet-coloured depth pixels, steps cut out) into what is the sheet,
+    /// into `accepted`, and what is in front of it, into `refused`. Returns the visible area,
+    /// m², or `None` if no patch can be the sheet.
+    ///
+    /// `colors` are the components of the colour mask, `before` the sheet's depth pixels in the
+    /// frame before.
+    pub fn select(
+        &mut self,
+        map: &DepthMap,
+        surface: &BitImage,
+        steps: &Steps,
+        colors: &Components,
+        before: &BitImage,
+        size: &SheetSize,
+        accepted: &mut BitImage,
+        refused: &mut BitImage,
+    ) -> Option<f32> {
+        accepted.clear();
+        refused.clear();
+        self.components.find(surface, true);
+        self.mark_steps(steps);
+        self.measure(map, colors, before);
+        let area_m2 = self.accept(size)?;
+        for run in &self.components.runs {
+            let patch = &self.patches[run.component as usize];
+            let out = if patch.accepted { &mut *accepted } else { &mut *refused };
+            out.set_run(run.y as usize, run.start as usize, run.end as usize);
+        }
+        Some(area_m2)
+    }
+
+    /// Whether a colour component (counted from 0) holds an accepted patch.
+    pub fn accepts_color(&self, color: usize) -> bool {
+        self.patches.iter().any(|p| p.accepted && p.color as usize == color + 1)
+    }
+
+    fn mark_steps(&mut self, steps: &Steps) {
+        self.near.copy_from(&steps.gap_near);
+        self.far.copy_from(&steps.gap_far);
+        for (near, [dx, dy]) in steps.near.iter().zip(DIRECTIONS) {
+            self.near.or(near);
+            self.far.or_shifted(near, SPAN_PX * dx, SPAN_PX * dy);
+        }
+        self.near.dilate(3, &mut self.scratch);
+        self.far.dilate(3, &mut self.scratch);
+    }
+
+    fn measure(&mut self, map: &DepthMap, colors: &Components, before: &BitImage) {
+        self.patches.clear();
+        self.patches.resize(self.components.list.len(), Patch::default());
+        let per_pixel = 1.0 / (map.focal_px[0] * map.focal_px[1]);
+        for run in &self.components.runs {
+            let patch = &mut self.patches[run.component as usize];
+            let (y, start, end) = (run.y as usize, run.start as usize, run.end as usize);
+            let middle = (start + end - 1) / 2;
+            let z_m = map.z_m(middle as i32, y as i32);
+            patch.area_m2 += run.len() as f32 * z_m * z_m * per_pixel;
+            let point = map.world_m(middle, y);
+            (0..3).for_each(|k| patch.moment_m[k] += run.len() as f32 * point[k]);
+            patch.pixels += run.len();
+            patch.runs += 1;
+            patch.near += self.near.count_run(y, start, end);
+            patch.far += self.far.count_run(y, start, end);
+            patch.before += before.count_run(y, start, end);
+            if patch.color == 0 {
+                let color = map.color_pixel(middle, y).and_then(|(x, y)| colors.at(x, y));
+                patch.color = color.map_or(0, |k| k as u32 + 1);
+            }
+        }
+    }
+
+    fn accept(&mut self, size: &SheetSize) -> Option<f32> {
+        let patches = &mut self.patches;
+        self.order.clear();
+        let large = |k: &u32| patches[*k as usize].pixels >= PATCH_MIN_PX;
+        self.order.extend((0..patches.len() as u32).filter(large));
+        let by_area = |a: &u32, b: &u32| {
+            let of = |k: &u32| patches[*k as usize].area_m2;
+            of(b).total_cmp(&of(a)).then(a.cmp(b))
+        };
+        self.order.sort_unstable_by(by_area);
+        // What was the sheet a frame ago wins against what is three times as large.
+        let weight = |p: &Patch| p.area_m2 * if 2 * p.before > p.pixels { 3.0 } else { 1.0 };
+        let anchor = *self
+            .order
+            .iter()
+            .filter(|k| patches[**k as usize].area_m2 <= size.area_m2_max)
+            .max_by(|a, b| {
+                let of = |k: &u32| weight(&patches[*k as usize]);
+                of(a).total_cmp(&of(b)).then(b.cmp(a))
+            })? as usize;
+        patches[anchor].accepted = true;
+        let anchor = patches[anchor];
+        let mut area_m2 = anchor.area_m2;
+        for k in &self.order {
+            let patch = &mut patches[*k as usize];
+            if !patch.accepted
+                && area_m2 + patch.area_m2 <= size.area_m2_max
+                && belongs(patch, &anchor, size)
+            {
+                patch.accepted = true;
+                area_m2 += patch.area_m2;
+            }
+        }
+        (area_m2 >= size.area_m2_min).then_some(area_m2)
+    }
+}
+
+/// Whether a patch is part of the same sheet as the anchor.
+fn belongs(patch: &Patch, anchor: &Patch, size: &SheetSize) -> bool {
+    let centre = |p: &Patch| p.moment_m.map(|m| m / p.pixels as f32);
+    let (a, b) = (centre(patch), centre(anchor));
+    let distance_m = (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f32>().sqrt();
+    if distance_m > size.diagonal_m {
+        return false;
+    }
+    let outline = 2.0 * patch.runs as f32;
+    let in_front = patch.near > 2 * patch.far
+        && patch.near as f32 > OUTLINE_SHARE * outline
+        && patch.area_m2 < 0.5 * anchor.area_m2;
+    let behind = patch.far > patch.near && patch.far as f32 > OUTLINE_SHARE * outline;
+    if patch.color == anchor.color { !in_front } else { behind }
+}

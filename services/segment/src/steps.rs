@@ -1,0 +1,174 @@
+//! Steps in depth: where one surface ends in front of another.
+//!
+//! Along a row (or column) with depths `a b · · c d`, three pixels apart, the step from `b` to
+//! `c` stands out of the slopes on either side:
+//!
+//! left = c - (2b - a),  right = (2c - d) - b
+//!
+//! A step of height h makes both h; a crease makes them of opposite sign; a slope makes them 0.
+//! Where the nearer surface bends away (a finger), the plain difference c - b decides against
+//! the steepest slope that a sheet is followed to.
+
+use crate::bits::{BitImage, pack};
+use crate::depth::DepthMap;
+use crate::params::SegmentParams;
+
+/// Pixels from the near side of a step to its far side.
+pub(crate) const SPAN_PX: i32 = 3;
+
+/// Tangent of the steepest slope against the image plane that is not taken for a step.
+const SLOPE_MAX: f32 = 2.5;
+
+/// Widest gap in the depth image across which an occluder is looked for, pixels.
+const GAP_MAX_PX: usize = 16;
+
+/// Directions from the near side of a step to its far side.
+pub(crate) const DIRECTIONS: [[i32; 2]; 4] = [[1, 0], [-1, 0], [0, 1], [0, -1]];
+
+/// Steps of the depth image that was examined last.
+#[derive(Debug)]
+pub(crate) struct Steps {
+    /// For each of [`DIRECTIONS`], pixels on the near side of a step that falls that way.
+    pub near: [BitImage; 4],
+    /// Everything from the near to the far side of any step.
+    pub edge: BitImage,
+    /// Pixels across a gap in the depth image from something nearer that is not sheet-coloured,
+    pub gap_far: BitImage,
+    /// and the nearer pixels.
+    pub gap_near: BitImage,
+    base_m: f32,
+    growth_per_m: f32,
+    /// Per metre of depth: by how much depth may change over [`SPAN_PX`].
+    slope: [f32; 2],
+}
+
+impl Steps {
+    pub fn new(map: &DepthMap, params: &SegmentParams) -> Self {
+        let image = || BitImage::new(map.width, map.height);
+        Self {
+            near: [image(), image(), image(), image()],
+            edge: image(),
+            gap_far: image(),
+            gap_near: image(),
+            base_m: params.step_m as f32,
+            growth_per_m: params.step_growth_per_m as f32,
+            slope: map.focal_px.map(|f| SLOPE_MAX * SPAN_PX as f32 / f),
+        }
+    }
+
+    /// Examines the words of `map` in which `region` has a pixel; `sheet_colored` are the depth
+    /// pixels of the sheet's colour.
+    pub fn find(&mut self, map: &DepthMap, region: &BitImage, sheet_colored: &BitImage) {
+        self.near.iter_mut().for_each(BitImage::clear);
+        self.edge.clear();
+        for y in 0..map.height {
+            for k in 0..region.words {
+                if region.row(y)[k] != 0 {
+                    self.find_in_word(map, k, y);
+                }
+            }
+        }
+        for (near, [dx, dy]) in self.near.iter().zip(DIRECTIONS) {
+            for n in 0..=SPAN_PX {
+                self.edge.or_shifted(near, n * dx, n * dy);
+            }
+        }
+        self.find_gaps(map, region, sheet_colored);
+    }
+
+    /// The least step at a depth, metres.
+    pub fn least_m(&self, z_m: f32) -> f32 {
+        self.base_m + self.growth_per_m * z_m * z_m
+    }
+
+    fn find_in_word(&mut self, map: &DepthMap, k: usize, y: usize) {
+        let (x, row) = (64 * k as i32, y as i32);
+        let used = self.edge.used(k);
+        // A step that falls to +x has its near pixel here; one that falls to -x, its far pixel.
+        let along = [-3, 0, 3, 6].map(|dx| map.z_block(x + dx, row));
+        let (falls, rises) = self.compare(along, self.slope[0]);
+        self.near[0].row_mut(y)[k] |= falls & used;
+        // The near pixel of a rise is SPAN_PX further on, perhaps in the next word.
+        self.near[1].row_mut(y)[k] |= rises << SPAN_PX & used;
+        if k + 1 < self.edge.words {
+            let used_next = self.edge.used(k + 1);
+            self.near[1].row_mut(y)[k + 1] |= rises >> (64 - SPAN_PX) & used_next;
+        }
+        let across = [-3, 0, 3, 6].map(|dy| map.z_block(x, row + dy));
+        let (falls, rises) = self.compare(across, self.slope[1]);
+        self.near[2].row_mut(y)[k] |= falls & used;
+        if y + SPAN_PX as usize - 1 < map.height - 1 {
+            self.near[3].row_mut(y + SPAN_PX as usize)[k] |= rises & used;
+        }
+    }
+
+    /// Bits of the pixels `b` from which depth steps away (falls) or nearer (rises) to `c`.
+    fn compare(&self, [a, b, c, d]: [&[f32]; 4], slope: f32) -> (u64, u64) {
+        let (mut falls, mut rises) = ([0; 64], [0; 64]);
+        let lanes = a.iter().zip(b).zip(c).zip(d);
+        for ((((a, b), c), d), (fall, rise)) in lanes.zip(falls.iter_mut().zip(&mut rises)) {
+            let least = self.base_m + self.growth_per_m * b * b;
+            let (left, right) = (c - 2.0 * b + a, 2.0 * c - d - b);
+            let plain = c - b;
+            let steep = least + slope * b;
+            // NaN fails every comparison.
+            *fall = u8::from((left > least) & (right > least) | (plain > steep));
+            *rise = u8::from((left < -least) & (right < -least) | (plain < -steep));
+        }
+        (pack(&falls), pack(&rises))
+    }
+
+    /// Compares the two sides of each gap in the depth image.
+    fn find_gaps(&mut self, map: &DepthMap, region: &BitImage, sheet_colored: &BitImage) {
+        self.gap_far.clear();
+        self.gap_near.clear();
+        for y in 0..map.height {
+            for k in 0..region.words {
+                if region.row(y)[k] == 0 {
+                    continue;
+                }
+                let valid = map.valid.row(y)[k];
+                let carry = if k > 0 { map.valid.row(y)[k - 1] >> 63 } else { 0 };
+                let above = if y > 0 { map.valid.row(y - 1)[k] } else { 0 };
+                // Pixels that end a gap in their row, and in their column.
+                let after_gap = valid & !(valid << 1 | carry);
+                let below_gap = valid & !above;
+                let mut rest = after_gap | below_gap;
+                while rest != 0 {
+                    let bit = rest.trailing_zeros();
+                    rest &= rest - 1;
+                    let x = 64 * k + bit as usize;
+                    if after_gap >> bit & 1 == 1 {
+                        let before = (2..=GAP_MAX_PX.min(x)).map(|n| (x - n, y));
+                        self.compare_gap(map, sheet_colored, before, (x, y));
+                    }
+                    if below_gap >> bit & 1 == 1 {
+                        let before = (2..=GAP_MAX_PX.min(y)).map(|n| (x, y - n));
+                        self.compare_gap(map, sheet_colored, before, (x, y));
+                    }
+                }
+            }
+        }
+    }
+
+    fn compare_gap(
+        &mut self,
+        map: &DepthMap,
+        sheet_colored: &BitImage,
+        mut before: impl Iterator<Item = (usize, usize)>,
+        b: (usize, usize),
+    ) {
+        let Some(a) = before.find(|(x, y)| map.valid.get(*x, *y)) else { return };
+        let z_m = |p: (usize, usize)| map.z_m(p.0 as i32, p.1 as i32);
+        let (near, far) = if z_m(a) < z_m(b) { (a, b) } else { (b, a) };
+        let gap_px = (b.0 - a.0 + b.1 - a.1) as f32;
+        let slope = self.slope[0] / SPAN_PX as f32 * gap_px;
+        let step_m = z_m(far) - z_m(near);
+        if step_m > self.least_m(z_m(near)) + slope * z_m(near)
+            && !sheet_colored.get(near.0, near.1)
+        {
+            self.gap_far.set(far.0, far.1);
+            self.gap_near.set(near.0, near.1);
+        }
+    }
+}

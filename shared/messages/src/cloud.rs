@@ -1,0 +1,53 @@
+//! What segment publishes.
+
+use orime_geometry::{Edgel, ObservedPoint};
+
+use crate::{Header, layout, message};
+
+/// Most points in a cloud.
+pub const POINTS_MAX: usize = 32_768;
+/// Most edgels beside a cloud.
+pub const EDGELS_MAX: usize = 16_384;
+
+layout!(ObservedPoint { position_m: [f32; 3], normal: [f32; 3], camera: u32, pixels: f32 });
+layout!(Edgel { position_px: [f32; 2], normal: [f32; 2], camera: u32, kind: u32 });
+
+message! {
+    /// Surface points and contour of one frame set; only the first `n_points` and `n_edgels`
+    /// elements mean anything.
+    pub struct ObservedCloud as "orime.ObservedCloud.v1" {
+        /// Lineage and times.
+        pub header: Header,
+        /// Used elements of `points`.
+        pub n_points: u32,
+        /// Used elements of `edgels`.
+        pub n_edgels: u32,
+        /// Cameras in which no sheet was found.
+        pub cameras_without_sheet: u32,
+        /// Cameras whose frame was missing or had the wrong size.
+        pub cameras_without_frame: u32,
+        /// Points that did not fit.
+        pub points_left_out: u32,
+        /// Always 0.
+        pub reserved: u32,
+        /// Surface points, world frame.
+        pub points: [ObservedPoint; POINTS_MAX],
+        /// Contour elements.
+        pub edgels: [Edgel; EDGELS_MAX],
+    }
+}
+
+impl ObservedCloud {
+    /// The used points.
+    pub fn points(&self) -> &[ObservedPoint] {
+        &self.points[..(self.n_points as usize).min(POINTS_MAX)]
+    }
+
+    /// The used edgels.
+    pub fn edgels(&self) -> &[Edgel] {
+        &self.edgels[..(self.n_edgels as usize).min(EDGELS_MAX)]
+    }
+}
+
+const _: () = assert!(size_of::<ObservedCloud>() == 72 + 24 + 32 * POINTS_MAX + 24 * EDGELS_MAX);
+const _: () = assert!(core::mem::offset_of!(ObservedCloud, points) == 96);

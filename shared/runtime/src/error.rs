@@ -1,0 +1,69 @@
+//! What can go wrong between processes, phrased for the person who started them.
+
+use std::fmt;
+use std::io;
+use std::path::PathBuf;
+
+/// Why a process of a set cannot do its part.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum RuntimeError {
+    /// Started by hand.
+    #[error("{program} is started by the supervisor: use `orime up SET` ({missing} is missing)")]
+    NotSupervised {
+        /// The program.
+        program: String,
+        /// The argument or variable that a supervisor passes.
+        missing: &'static str,
+    },
+    /// The set file.
+    #[error(transparent)]
+    Set(#[from] crate::SetError),
+    /// iceoryx2 refused.
+    #[error("channel `{channel}`: {action}: {reason}")]
+    Channel {
+        /// The channel's name.
+        channel: &'static str,
+        /// What was being done.
+        action: &'static str,
+        /// iceoryx2's reason.
+        reason: String,
+    },
+    /// The directory of the run.
+    #[error("directory `{path}` of the run; it must belong to you and be writable")]
+    RunDir {
+        /// The directory.
+        path: PathBuf,
+        /// Why.
+        #[source]
+        source: io::Error,
+    },
+    /// The run has ended, or is another user's.
+    #[error("run {run} is not there: `orime ps` shows your runs")]
+    NoRun {
+        /// The run.
+        run: crate::RunId,
+    },
+    /// Not enough shared memory.
+    #[error("reserving shared memory in /dev/shm: free some, or give the machine more of it")]
+    Memory(#[source] io::Error),
+    /// Signals, threads and the like.
+    #[error("{action}")]
+    System {
+        /// What was being done.
+        action: &'static str,
+        /// Why not.
+        #[source]
+        source: io::Error,
+    },
+}
+
+impl RuntimeError {
+    pub(crate) fn channel(
+        channel: &'static str,
+        action: &'static str,
+        reason: impl fmt::Debug,
+    ) -> Self {
+        Self::Channel { channel, action, reason: format!("{reason:?}") }
+    }
+}

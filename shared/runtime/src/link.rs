@@ -1,0 +1,219 @@
+//! A process' place in a run: its iceoryx2 node, under the run's own prefix and directory.
+
+use std::os::unix::ffi::OsStrExt;
+use std::path::Path;
+
+use iceoryx2::config::Config;
+use iceoryx2::node::{Node, NodeBuilder};
+use iceoryx2::port::listener::Listener;
+use iceoryx2::port::notifier::Notifier;
+use iceoryx2::prelude::{
+    FileName, LogLevel, NodeName, SemanticString, ServiceName, SignalHandlingMode, ipc_threadsafe,
+    set_log_level,
+};
+use orime_messages::{Header, Message, Stage};
+
+use crate::channel::{Channel, NODES_MAX, Pace};
+use crate::error::RuntimeError;
+use crate::run::{RunId, make_private_dir};
+use crate::stop::Stop;
+use crate::{memory, wire::Wire};
+
+/// The flavour of iceoryx2 that we use: ports may be moved between threads.
+pub(crate) type Ipc = ipc_threadsafe::Service;
+
+/// What all channels of one process share.
+#[derive(Debug, Clone, Copy)]
+pub struct Identity {
+    /// The run.
+    pub run: RunId,
+    /// The pace of its set.
+    pub pace: Pace,
+    /// Cameras of its set.
+    pub cameras: usize,
+    /// This process' part; what it publishes is marked with it.
+    pub stage: Stage,
+    /// Marks this process among those that had the part before it.
+    pub incarnation: u64,
+}
+
+/// A process' connection to its run. Ports made from it may outlive it.
+#[derive(Debug)]
+pub struct Link {
+    node: Node<Ipc>,
+    identity: Identity,
+    stop: Stop,
+}
+
+impl Link {
+    /// Joins a run.
+    pub fn join(identity: Identity, stop: Stop) -> Result<Self, RuntimeError> {
+        set_log_level(LogLevel::Fatal);
+        let dir = identity.run.ipc_dir();
+        make_private_dir(&dir)
+            .map_err(|source| RuntimeError::RunDir { path: dir.clone(), source })?;
+        let config = config(identity.run, &dir)?;
+        let name = NodeName::new(identity.stage.name())
+            .map_err(|error| RuntimeError::channel("node", "naming", error))?;
+        let node = NodeBuilder::new()
+            .name(&name)
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .config(&config)
+            .create::<Ipc>()
+            .map_err(|error| RuntimeError::channel("node", "joining the run", error))?;
+        Ok(Self { node, identity, stop })
+    }
+
+    /// Who this process is.
+    pub fn identity(&self) -> Identity {
+        self.identity
+    }
+
+    /// The flag that ends all waiting.
+    pub fn stop(&self) -> &Stop {
+        &self.stop
+    }
+
+    /// Makes sure that the run's shared memory is really there; call it when all ports are made.
+    pub fn reserve_memory(&self) -> Result<(), RuntimeError> {
+        memory::reserve(self.identity.run).map_err(RuntimeError::Memory)
+    }
+
+    /// A header of this process for step `step`, times still 0.
+    pub fn header(&self) -> Header {
+        Header {
+            run_id: self.identity.run.number(),
+            incarnation: self.identity.incarnation,
+            stage: self.identity.stage as u32,
+            ..bytemuck::Zeroable::zeroed()
+        }
+    }
+
+    pub(crate) fn typed<M: Message>(
+        &self,
+        channel: &Channel<M>,
+        mode: Mode,
+    ) -> Result<TypedFactory<M>, RuntimeError> {
+        let qos = channel.qos(self.identity.pace, self.identity.cameras);
+        let builder = self
+            .node
+            .service_builder(&service_name(channel)?)
+            .publish_subscribe::<Wire<M>>()
+            .enable_safe_overflow(qos.overflow)
+            .subscriber_max_buffer_size(qos.buffer)
+            .subscriber_max_borrowed_samples(qos.borrowed)
+            .history_size(0)
+            .max_publishers(channel.publishers_max)
+            .max_subscribers(channel.subscribers_max)
+            .max_nodes(NODES_MAX);
+        match mode {
+            Mode::OpenOrCreate => builder
+                .open_or_create()
+                .map_err(|error| RuntimeError::channel(channel.name, "opening", error)),
+            Mode::Open => builder
+                .open()
+                .map_err(|error| RuntimeError::channel(channel.name, "attaching to", error)),
+        }
+    }
+
+    pub(crate) fn frames(
+        &self,
+        channel: &Channel<orime_messages::FrameMeta>,
+    ) -> Result<FrameFactory, RuntimeError> {
+        let qos = channel.qos(self.identity.pace, self.identity.cameras);
+        let alignment = iceoryx2::prelude::Alignment::new(orime_messages::FRAME_ALIGNMENT)
+            .ok_or_else(|| RuntimeError::channel(channel.name, "aligning", "not a power of 2"))?;
+        self.node
+            .service_builder(&service_name(channel)?)
+            .publish_subscribe::<[u8]>()
+            .user_header::<Wire<orime_messages::FrameMeta>>()
+            .payload_alignment(alignment)
+            .enable_safe_overflow(qos.overflow)
+            .subscriber_max_buffer_size(qos.buffer)
+            .subscriber_max_borrowed_samples(qos.borrowed)
+            .history_size(0)
+            .max_publishers(channel.publishers_max)
+            .max_subscribers(channel.subscribers_max)
+            .max_nodes(NODES_MAX)
+            .open_or_create()
+            .map_err(|error| RuntimeError::channel(channel.name, "opening", error))
+    }
+
+    fn event<M>(&self, channel: &Channel<M>) -> Result<EventFactory, RuntimeError> {
+        self.node
+            .service_builder(&service_name(channel)?)
+            .event()
+            .max_listeners(channel.subscribers_max)
+            .max_notifiers(channel.publishers_max)
+            .max_nodes(NODES_MAX)
+            .event_id_max_value(0)
+            .disable_notifier_created_event()
+            .disable_notifier_dropped_event()
+            .disable_notifier_dead_event()
+            .disable_deadline()
+            .open_or_create()
+            .map_err(|error| RuntimeError::channel(channel.name, "opening the event of", error))
+    }
+
+    pub(crate) fn notifier<M>(
+        &self,
+        channel: &Channel<M>,
+    ) -> Result<Option<Notifier<Ipc>>, RuntimeError> {
+        if !channel.wakes {
+            return Ok(None);
+        }
+        let notifier = self
+            .event(channel)?
+            .notifier_builder()
+            .create()
+            .map_err(|error| RuntimeError::channel(channel.name, "making a notifier", error))?;
+        Ok(Some(notifier))
+    }
+
+    pub(crate) fn listener<M>(
+        &self,
+        channel: &Channel<M>,
+    ) -> Result<Option<Listener<Ipc>>, RuntimeError> {
+        if !channel.wakes {
+            return Ok(None);
+        }
+        let listener = self
+            .event(channel)?
+            .listener_builder()
+            .create()
+            .map_err(|error| RuntimeError::channel(channel.name, "making a listener", error))?;
+        Ok(Some(listener))
+    }
+}
+
+/// Whether a channel may be made by whoever comes first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Mode {
+    /// Stages, which may come in any order.
+    OpenOrCreate,
+    /// Guests, which must leave no trace.
+    Open,
+}
+
+pub(crate) type TypedFactory<M> =
+    iceoryx2::service::port_factory::publish_subscribe::PortFactory<Ipc, Wire<M>, ()>;
+pub(crate) type FrameFactory = iceoryx2::service::port_factory::publish_subscribe::PortFactory<
+    Ipc,
+    [u8],
+    Wire<orime_messages::FrameMeta>,
+>;
+type EventFactory = iceoryx2::service::port_factory::event::PortFactory<Ipc>;
+
+fn service_name<M>(channel: &Channel<M>) -> Result<ServiceName, RuntimeError> {
+    ServiceName::new(channel.name)
+        .map_err(|error| RuntimeError::channel(channel.name, "naming", error))
+}
+
+fn config(run: RunId, dir: &Path) -> Result<Config, RuntimeError> {
+    let naming = |error| RuntimeError::channel("node", "naming the run's files", error);
+    let mut config = Config::default();
+    config.global.prefix = FileName::new(run.prefix().as_bytes()).map_err(naming)?;
+    let root = iceoryx2::prelude::Path::new(dir.as_os_str().as_bytes()).map_err(naming)?;
+    config.global.set_root_path(&root);
+    Ok(config)
+}

@@ -1,0 +1,283 @@
+//! Publishing: messages are written in place, in shared memory.
+
+use std::mem::MaybeUninit;
+use std::time::Duration;
+
+use iceoryx2::port::notifier::Notifier;
+use iceoryx2::port::publisher::Publisher as Port;
+use iceoryx2::port::{BackpressureAction, BackpressureInfo, LoanError};
+use iceoryx2::prelude::IceoryxSend;
+use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
+use orime_geometry::{RgbdCamera, RgbdFrameMut};
+use orime_messages::{CameraMeta, FLAG_END, FrameExtent, FrameMeta, FrameStatus, Header, Message};
+
+use crate::channel::{self, Channel, LOANS_MAX};
+use crate::error::RuntimeError;
+use crate::link::{Ipc, Link, Mode};
+use crate::now_ns;
+use crate::stop::Stop;
+use crate::wire::Wire;
+
+/// How long a publisher sleeps before it looks again for a free message in its pool.
+const POOL_POLL: Duration = Duration::from_micros(200);
+
+/// What handing a message over gave.
+#[derive(Debug, Clone, Copy)]
+pub struct Sent<R> {
+    /// The header it went out with.
+    pub header: Header,
+    /// What the writer returned.
+    pub written: R,
+}
+
+/// Writes messages of one type into a channel.
+#[derive(Debug)]
+pub struct Publisher<M: Message> {
+    port: Port<Ipc, Wire<M>, ()>,
+    outlet: Outlet,
+}
+
+/// Writes frames into the frame channel.
+#[derive(Debug)]
+pub struct FramePublisher {
+    port: Port<Ipc, [u8], Wire<FrameMeta>>,
+    outlet: Outlet,
+}
+
+/// What both kinds of publishers share: waking, counting, waiting.
+#[derive(Debug)]
+struct Outlet {
+    channel: &'static str,
+    notifier: Option<Notifier<Ipc>>,
+    identity: Header,
+    sent: u64,
+    stop: Stop,
+}
+
+impl Outlet {
+    fn new<M>(link: &Link, channel: &Channel<M>) -> Result<Self, RuntimeError> {
+        Ok(Self {
+            channel: channel.name,
+            notifier: link.notifier(channel)?,
+            identity: link.header(),
+            sent: 0,
+            stop: link.stop().clone(),
+        })
+    }
+
+    /// Loans, waiting for a free message as long as nobody asks this process to end.
+    fn loan<S>(
+        &self,
+        mut attempt: impl FnMut() -> Result<S, LoanError>,
+    ) -> Result<Option<S>, RuntimeError> {
+        loop {
+            match attempt() {
+                Ok(sample) => return Ok(Some(sample)),
+                Err(LoanError::OutOfMemory) if self.stop.requested() => return Ok(None),
+                Err(LoanError::OutOfMemory) => std::thread::sleep(POOL_POLL),
+                Err(error) => return Err(RuntimeError::channel(self.channel, "loaning", error)),
+            }
+        }
+    }
+
+    /// The header of the next message: the lineage's times, this publisher's identity.
+    fn header(&self, lineage: &Header, flags: u32) -> Header {
+        Header {
+            run_id: self.identity.run_id,
+            incarnation: self.identity.incarnation,
+            stage: self.identity.stage,
+            sequence: self.sent,
+            publish_ns: 0,
+            flags,
+            ..*lineage
+        }
+    }
+
+    fn wake(&mut self) {
+        self.sent += 1;
+        let Some(notifier) = &self.notifier else { return };
+        // A listener whose socket is full is awake anyway, and one that is gone needs no waking.
+        if let Err(error) = notifier.notify() {
+            tracing::debug!(channel = self.channel, ?error, "waking");
+        }
+    }
+}
+
+/// A port of the channel's pool size whose sender waits for a full subscriber until `stop`.
+fn port<'f, P, H>(
+    factory: &'f PortFactory<Ipc, P, H>,
+    pool: usize,
+    stop: &Stop,
+) -> iceoryx2::service::port_factory::publisher::PortFactoryPublisher<'f, Ipc, P, H>
+where
+    P: IceoryxSend + std::fmt::Debug + ?Sized,
+    H: iceoryx2::prelude::ZeroCopySend + std::fmt::Debug,
+{
+    let stop = stop.clone();
+    factory
+        .publisher_builder()
+        .max_loaned_samples(LOANS_MAX)
+        .override_sample_preallocation(move |_| pool)
+        .set_backpressure_handler(move |_: &BackpressureInfo| {
+            if stop.requested() {
+                return BackpressureAction::DiscardData;
+            }
+            std::thread::sleep(POOL_POLL);
+            BackpressureAction::Retry
+        })
+}
+
+impl<M: Message> Publisher<M> {
+    pub(crate) fn new(link: &Link, channel: &Channel<M>) -> Result<Self, RuntimeError> {
+        let factory = link.typed(channel, Mode::OpenOrCreate)?;
+        let identity = link.identity();
+        let port = port(&factory, channel.pool(identity.pace, identity.cameras), link.stop())
+            .create()
+            .map_err(|error| RuntimeError::channel(channel.name, "making a publisher", error))?;
+        Ok(Self { port, outlet: Outlet::new(link, channel)? })
+    }
+
+    /// Hands over one message that `write` fills in place, or `None` if this process shall end.
+    ///
+    /// The message's step, exposure and arrival are those of `lineage`. What `write` does not
+    /// write is what an earlier message left there: it must set every count that says how much
+    /// of an array is meant.
+    pub fn send_with<R>(
+        &mut self,
+        lineage: &Header,
+        write: impl FnOnce(&mut M) -> R,
+    ) -> Result<Option<Sent<R>>, RuntimeError> {
+        self.send(lineage, 0, None, write)
+    }
+
+    /// Hands over the end of the stream.
+    pub fn send_end(&mut self, lineage: &Header) -> Result<(), RuntimeError> {
+        self.send(lineage, FLAG_END, None, |_| ()).map(|_| ())
+    }
+
+    /// As [`Publisher::send_with`], but the message keeps `about`'s publish time.
+    pub(crate) fn send_stamped(
+        &mut self,
+        about: &Header,
+        write: impl FnOnce(&mut M),
+    ) -> Result<(), RuntimeError> {
+        self.send(about, 0, Some(about.publish_ns), write).map(|_| ())
+    }
+
+    fn send<R>(
+        &mut self,
+        lineage: &Header,
+        flags: u32,
+        publish_ns: Option<u64>,
+        write: impl FnOnce(&mut M) -> R,
+    ) -> Result<Option<Sent<R>>, RuntimeError> {
+        let Some(mut sample) = self.outlet.loan(|| self.port.loan_uninit())? else {
+            return Ok(None);
+        };
+        // SAFETY: the payload lies in pages of shared memory that the kernel filled with zeros
+        // and that only this publisher has written since, always as an `M`. `M` is `Pod`, so
+        // both are values of it. No other process writes to a message that is on loan.
+        let Wire(message) = unsafe { MaybeUninit::assume_init_mut(sample.payload_mut()) };
+        let mut header = self.outlet.header(lineage, flags);
+        *message.header_mut() = header;
+        let written = write(message);
+        header.publish_ns = publish_ns.unwrap_or_else(now_ns);
+        *message.header_mut() = header;
+        // SAFETY: as above, and the header was written.
+        let sample = unsafe { sample.assume_init() };
+        sample
+            .send()
+            .map_err(|error| RuntimeError::channel(self.outlet.channel, "sending", error))?;
+        self.outlet.wake();
+        Ok(Some(Sent { header, written }))
+    }
+}
+
+/// What a frame's writer says about it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FrameWritten {
+    /// Whether there are pixels now.
+    pub status: FrameStatus,
+    /// Whole-image copies made on the way.
+    pub copies: u32,
+}
+
+impl FramePublisher {
+    pub(crate) fn new(link: &Link, cameras: &[RgbdCamera]) -> Result<Self, RuntimeError> {
+        let channel = &channel::FRAME;
+        let frame_bytes =
+            cameras.iter().map(|camera| FrameExtent::of(camera).total_bytes()).max().unwrap_or(1);
+        let factory = link.frames(channel)?;
+        let identity = link.identity();
+        let port = port(&factory, channel.pool(identity.pace, identity.cameras), link.stop())
+            .initial_max_slice_len(frame_bytes)
+            .create()
+            .map_err(|error| RuntimeError::channel(channel.name, "making a publisher", error))?;
+        Ok(Self { port, outlet: Outlet::new(link, channel)? })
+    }
+
+    /// Hands over one frame of `camera` whose pixels `write` puts in place, or `None` if this
+    /// process shall end. The frame's arrival is when `write` is done.
+    pub fn send_with(
+        &mut self,
+        lineage: &Header,
+        (index, camera): (usize, &RgbdCamera),
+        n_cameras: usize,
+        write: impl FnOnce(RgbdFrameMut<'_>) -> FrameWritten,
+    ) -> Result<Option<Sent<FrameWritten>>, RuntimeError> {
+        let extent = FrameExtent::of(camera);
+        let Some(mut sample) =
+            self.outlet.loan(|| self.port.loan_slice_uninit(extent.total_bytes()))?
+        else {
+            return Ok(None);
+        };
+        // SAFETY: bytes in pages that the kernel zero-filled or this publisher wrote; any byte is
+        // a `u8`, and nobody else writes to a frame on loan.
+        let payload =
+            unsafe { &mut *(sample.payload_mut() as *mut [MaybeUninit<u8>] as *mut [u8]) };
+        let (color_rgb, rest) = payload.split_at_mut(extent.depth_offset);
+        let frame = RgbdFrameMut {
+            color_rgb: &mut color_rgb[..extent.color_bytes],
+            depth_units: bytemuck::cast_slice_mut(rest),
+        };
+        let written = write(frame);
+        let mut header = self.outlet.header(lineage, 0);
+        header.arrival_ns = now_ns();
+        header.publish_ns = header.arrival_ns;
+        sample.user_header_mut().0 = FrameMeta {
+            header,
+            camera: index as u32,
+            n_cameras: n_cameras as u32,
+            status: written.status as u32,
+            copies: written.copies,
+            color_bytes: extent.color_bytes as u64,
+            depth_offset: extent.depth_offset as u64,
+            depth_bytes: extent.depth_bytes as u64,
+            calibration: CameraMeta::from(camera),
+        };
+        // SAFETY: as above.
+        let sample = unsafe { sample.assume_init() };
+        sample
+            .send()
+            .map_err(|error| RuntimeError::channel(self.outlet.channel, "sending", error))?;
+        self.outlet.wake();
+        Ok(Some(Sent { header, written }))
+    }
+
+    /// Hands over the end of the stream: a frame without pixels.
+    pub fn send_end(&mut self, lineage: &Header) -> Result<(), RuntimeError> {
+        let Some(mut sample) = self.outlet.loan(|| self.port.loan_slice_uninit(1))? else {
+            return Ok(());
+        };
+        let mut header = self.outlet.header(lineage, FLAG_END);
+        header.publish_ns = now_ns();
+        sample.user_header_mut().0 =
+            FrameMeta { header, ..<FrameMeta as bytemuck::Zeroable>::zeroed() };
+        sample
+            .write_from_fn(|_| 0)
+            .send()
+            .map_err(|error| RuntimeError::channel(self.outlet.channel, "sending", error))?;
+        self.outlet.wake();
+        Ok(())
+    }
+}

@@ -1,0 +1,160 @@
+//! The life of one process of a set.
+
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use orime_geometry::RgbdCamera;
+use orime_messages::{FrameMeta, Header, Message, Stage};
+use orime_params::Problem;
+use serde::de::DeserializeOwned;
+use tracing_subscriber::EnvFilter;
+
+use crate::channel::{self, Channel};
+use crate::error::RuntimeError;
+use crate::link::{Identity, Link, Mode};
+use crate::now_ns;
+use crate::publish::{FramePublisher, Publisher};
+use crate::recorder::Recorder;
+use crate::run::RunId;
+use crate::set_file::SetFile;
+use crate::stop::{Stop, die_with_parent};
+use crate::subscribe::{FrameSubscription, Subscription};
+
+/// Environment variable: the run's id, by the supervisor.
+pub const RUN_VARIABLE: &str = "ORIME_RUN";
+/// Environment variable: number of cameras of the set, by the supervisor.
+pub const CAMERAS_VARIABLE: &str = "ORIME_CAMERAS";
+/// Environment variable: the supervisor's process id.
+pub const PARENT_VARIABLE: &str = "ORIME_PARENT";
+/// First word of the line on standard output that says that a process is ready.
+pub const READY: &str = "ready";
+
+/// One process of a running set: its set file, its channels, its end.
+#[derive(Debug)]
+pub struct Service {
+    stage: Stage,
+    set: SetFile,
+    link: Link,
+}
+
+impl Service {
+    /// Begins a stage: `PROGRAM SET`, with what the supervisor says in the environment.
+    pub fn start(stage: Stage) -> Result<Self, RuntimeError> {
+        let set = std::env::args_os().nth(1).map(PathBuf::from);
+        let set = set.ok_or_else(|| not_supervised(stage, "SET"))?;
+        Self::start_with(stage, &set)
+    }
+
+    /// Begins a process of a set that finds the set file's path in its own way.
+    pub fn start_with(stage: Stage, set: &Path) -> Result<Self, RuntimeError> {
+        let _ = tracing_subscriber::fmt()
+            .with_writer(io::stderr)
+            .with_ansi(false)
+            .with_env_filter(
+                EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("info")),
+            )
+            .try_init();
+        let variable =
+            |name: &'static str| std::env::var(name).map_err(|_| not_supervised(stage, name));
+        let run: RunId =
+            variable(RUN_VARIABLE)?.parse().map_err(|_| not_supervised(stage, RUN_VARIABLE))?;
+        let cameras = variable(CAMERAS_VARIABLE)?
+            .parse()
+            .map_err(|_| not_supervised(stage, CAMERAS_VARIABLE))?;
+        if let Ok(parent) = variable(PARENT_VARIABLE)?.parse() {
+            die_with_parent(parent).map_err(|source| RuntimeError::System {
+                action: "following the parent",
+                source,
+            })?;
+        }
+        let stop = Stop::on_terminate()
+            .map_err(|source| RuntimeError::System { action: "handling signals", source })?;
+        let set = SetFile::load(set)?;
+        let incarnation = now_ns() ^ (u64::from(std::process::id()) << 40);
+        let identity = Identity { run, pace: set.pace, cameras, stage, incarnation };
+        let link = Link::join(identity, stop)?;
+        Ok(Self { stage, set, link })
+    }
+
+    /// The set file.
+    pub fn set(&self) -> &SetFile {
+        &self.set
+    }
+
+    /// This process' place in the run.
+    pub fn link(&self) -> &Link {
+        &self.link
+    }
+
+    /// Raised when this process shall end.
+    pub fn stop(&self) -> &Stop {
+        self.link.stop()
+    }
+
+    /// A section of the set, checked; every problem of it in one error.
+    pub fn config<P: DeserializeOwned, C>(
+        &self,
+        section: &str,
+        check: impl FnOnce(&P) -> Result<C, Vec<Problem>>,
+    ) -> Result<C, RuntimeError> {
+        Ok(self.set.checked(section, check)?)
+    }
+
+    /// A section of the set, as it is written.
+    pub fn section<P: DeserializeOwned>(&self, section: &str) -> Result<P, RuntimeError> {
+        Ok(self.set.section(section)?)
+    }
+
+    /// Subscribes to a channel.
+    pub fn subscribe<M: Message>(
+        &self,
+        channel: &Channel<M>,
+    ) -> Result<Subscription<M>, RuntimeError> {
+        Subscription::new(&self.link, channel, Mode::OpenOrCreate)
+    }
+
+    /// Publishes on a channel.
+    pub fn publish<M: Message>(&self, channel: &Channel<M>) -> Result<Publisher<M>, RuntimeError> {
+        Publisher::new(&self.link, channel)
+    }
+
+    /// Subscribes to the frames.
+    pub fn subscribe_frames(
+        &self,
+        _: &Channel<FrameMeta>,
+    ) -> Result<FrameSubscription, RuntimeError> {
+        FrameSubscription::new(&self.link)
+    }
+
+    /// Publishes the frames of these cameras.
+    pub fn publish_frames(
+        &self,
+        _: &Channel<FrameMeta>,
+        cameras: &[RgbdCamera],
+    ) -> Result<FramePublisher, RuntimeError> {
+        FramePublisher::new(&self.link, cameras)
+    }
+
+    /// Publishes this stage's records.
+    pub fn recorder(&self) -> Result<Recorder, RuntimeError> {
+        Ok(Recorder::new(self.publish(&channel::RECORD)?))
+    }
+
+    /// A header of this process with no lineage yet.
+    pub fn header(&self) -> Header {
+        self.link.header()
+    }
+
+    /// Says that every channel of this process is there, so that the next one may start.
+    pub fn ready(&self) -> Result<(), RuntimeError> {
+        self.link.reserve_memory()?;
+        let mut out = io::stdout().lock();
+        writeln!(out, "{READY} {}", self.stage.name())
+            .and_then(|()| out.flush())
+            .map_err(|source| RuntimeError::System { action: "saying that it is ready", source })
+    }
+}
+
+fn not_supervised(stage: Stage, missing: &'static str) -> RuntimeError {
+    RuntimeError::NotSupervised { program: format!("orime-{}", stage.name()), missing }
+}

@@ -1,0 +1,202 @@
+//! Set files: one TOML file says what a set is.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use serde::de::DeserializeOwned;
+use toml::{Table, Value};
+
+use crate::channel::Pace;
+
+/// The sections of a set file, one per stage and the sheet that they share.
+pub const SECTIONS: [&str; 5] = ["sheet", "capture", "segment", "register", "simulate"];
+/// Stands for the folder of the recordings in any text of a set file.
+pub const DATA_VARIABLE: &str = "${ORIME_DATA}";
+/// Keys whose values are paths; relative ones are meant from the set file's folder.
+const PATH_KEYS: [(&[&str], &str); 3] = [
+    (&["sheet"], "template"),
+    (&["capture", "folder"], "layout"),
+    (&["capture", "folder"], "data_dir"),
+];
+
+/// Why a set file cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SetError {
+    /// The file itself.
+    #[error("reading set file `{path}`: does it exist and may you read it?")]
+    Read {
+        /// The set file.
+        path: PathBuf,
+        /// Why not.
+        #[source]
+        source: io::Error,
+    },
+    /// Not TOML, or a value of the wrong kind.
+    #[error("set file `{path}`, {place}: {message} (`orime check` shows every problem)")]
+    Invalid {
+        /// The set file.
+        path: PathBuf,
+        /// Section or key.
+        place: String,
+        /// What is wrong.
+        message: String,
+    },
+}
+
+/// A set file that was read: its parts are not checked yet.
+#[derive(Debug, Clone)]
+pub struct SetFile {
+    /// Where it came from.
+    pub path: PathBuf,
+    /// Its text, as it is.
+    pub text: String,
+    /// Name for people: `name`, or the file's stem.
+    pub name: String,
+    /// `pace`, default `lockstep`.
+    pub pace: Pace,
+    sections: Table,
+}
+
+impl SetFile {
+    /// Reads a set file, puts in the folder of the recordings and makes paths whole.
+    pub fn load(path: &Path) -> Result<Self, SetError> {
+        let text = std::fs::read_to_string(path)
+            .map_err(|source| SetError::Read { path: path.to_owned(), source })?;
+        Self::parse(path, text)
+    }
+
+    /// As [`SetFile::load`], for a text that lies, or would lie, at `path`.
+    pub fn parse(path: &Path, text: String) -> Result<Self, SetError> {
+        let invalid = |place: &str, message: String| SetError::Invalid {
+            path: path.to_owned(),
+            place: place.to_owned(),
+            message,
+        };
+        let mut sections: Table =
+            text.parse().map_err(|error: toml::de::Error| invalid("syntax", error.to_string()))?;
+        expand(&mut sections, path);
+        let name = match sections.remove("name") {
+            None => path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+            Some(Value::String(name)) => name,
+            Some(_) => return Err(invalid("`name`", "must be a text".to_owned())),
+        };
+        let pace = match sections.remove("pace") {
+            None => Pace::Lockstep,
+            Some(pace) => pace.try_into().map_err(|_| {
+                invalid("`pace`", "must be \"lockstep\" or \"realtime\"".to_owned())
+            })?,
+        };
+        if let Some(key) = sections.keys().find(|key| !SECTIONS.contains(&key.as_str())) {
+            let known = SECTIONS.join("], [");
+            return Err(invalid(key, format!("is not part of a set: name, pace, [{known}] are")));
+        }
+        Ok(Self { path: path.to_owned(), text, name, pace, sections })
+    }
+
+    /// One section's parameters, not checked yet; the defaults where the file has no such section.
+    pub fn section<P: DeserializeOwned>(&self, section: &str) -> Result<P, SetError> {
+        let value = self.sections.get(section).cloned();
+        value.unwrap_or_else(|| Value::Table(Table::new())).try_into().map_err(
+            |error: toml::de::Error| SetError::Invalid {
+                path: self.path.clone(),
+                place: format!("[{section}]"),
+                message: error.message().to_owned(),
+            },
+        )
+    }
+
+    /// One section's checked configuration; every problem of it in one error.
+    pub fn checked<P: DeserializeOwned, C>(
+        &self,
+        section: &str,
+        check: impl FnOnce(&P) -> Result<C, Vec<orime_params::Problem>>,
+    ) -> Result<C, SetError> {
+        let params: P = self.section(section)?;
+        check(&params).map_err(|problems| SetError::Invalid {
+            path: self.path.clone(),
+            place: format!("[{section}]"),
+            message: problems.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "),
+        })
+    }
+}
+
+/// The folder of the recordings: the variable `ORIME_DATA`, else beside the repository.
+pub fn data_dir() -> PathBuf {
+    match std::env::var_os("ORIME_DATA") {
+        Some(dir) if !dir.is_empty() => PathBuf::from(dir),
+        _ => Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"),
+    }
+}
+
+/// Puts the folder of the recordings into every text of `table`, and makes the values of path
+/// keys absolute, or relative to where the process runs.
+pub fn expand(table: &mut Table, set_path: &Path) {
+    let data = data_dir().to_string_lossy().into_owned();
+    table.iter_mut().for_each(|(_, value)| expand_value(value, &data));
+    let folder = set_path.parent().unwrap_or(Path::new(""));
+    for (ancestors, key) in PATH_KEYS {
+        let mut place = Some(&mut *table);
+        for ancestor in ancestors {
+            place = place.and_then(|table| table.get_mut(*ancestor)?.as_table_mut());
+        }
+        if let Some(Value::String(path)) = place.and_then(|table| table.get_mut(key)) {
+            *path = folder.join(&*path).to_string_lossy().into_owned();
+        }
+    }
+}
+
+fn expand_value(value: &mut Value, data: &str) {
+    match value {
+        Value::String(text) => {
+            if text.contains(DATA_VARIABLE) {
+                *text = text.replace(DATA_VARIABLE, data);
+            }
+        }
+        Value::Array(values) => values.iter_mut().for_each(|value| expand_value(value, data)),
+        Value::Table(table) => {
+            table.iter_mut().for_each(|(_, value)| expand_value(value, data));
+        }
+        _ => {}
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(text: &str) -> Result<SetFile, SetError> {
+        SetFile::parse(Path::new("sets/desk.toml"), text.to_owned())
+    }
+
+    #[test]
+    fn an_empty_set_has_defaults() {
+        let set = parse("").unwrap();
+        assert_eq!((set.name.as_str(), set.pace), ("desk", Pace::Lockstep));
+        assert_eq!(set.section::<Table>("sheet").unwrap(), Table::new());
+    }
+
+    #[test]
+    fn paths_are_meant_from_the_set_and_data_has_its_place() {
+        let set = parse(
+            "pace = \"realtime\"\n[sheet]\ntemplate = \"cloth.obj\"\n\
+             [capture.folder]\nlayout = \"${ORIME_DATA}/desk/layout.toml\"",
+        )
+        .unwrap();
+        assert_eq!(set.pace, Pace::Realtime);
+        let sheet: Table = set.section("sheet").unwrap();
+        assert_eq!(sheet["template"].as_str(), Some("sets/cloth.obj"));
+        let capture: Table = set.section("capture").unwrap();
+        let layout = capture["folder"]["layout"].as_str().unwrap();
+        assert!(Path::new(layout).is_absolute() && layout.ends_with("/desk/layout.toml"));
+        assert!(!layout.contains('$'));
+    }
+
+    #[test]
+    fn what_is_wrong_is_named() {
+        let message = |text| parse(text).unwrap_err().to_string();
+        assert!(message("pace = \"fast\"").contains("lockstep"));
+        assert!(message("[captrue]").contains("captrue"));
+        assert!(message("name = ").contains("syntax"));
+    }
+}

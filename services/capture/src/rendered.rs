@@ -139,7 +139,7 @@ fn check_distance(camera: &RgbdCamera, fold: &HalfFold) -> Result<(), OpenError>
             for (facet, pose) in fold.facets().iter().zip(poses) {
                 for [u, v] in &facet.corners_uv_m {
                     let corner = pose * orime_geometry::nalgebra::Point3::new(*u, *v, 0.0);
-                    if !((lens_from_world * corner).z >= NEAR_M) {
+                    if (lens_from_world * corner).z < NEAR_M {
                         return Err(OpenError::Scene(format!(
                             "`rendered.views`: the sheet comes nearer than {NEAR_M} m to camera \
                              `{}`, or behind it; move `eye_m` away",

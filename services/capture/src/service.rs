@@ -32,7 +32,7 @@ impl Capture {
         let config = service.config("capture", CaptureParams::check)?;
         let source = orime_capture::open(&config, &sheet)?;
         let capture = Self {
-            frames: service.publish_frames(&channel::FRAME, source.cameras())?,
+            frames: service.publish_frames(source.cameras())?,
             truths: service.publish(&channel::TRUTH)?,
             recorder: service.recorder()?,
             period_ns: config.period_s.map_or(0, |period_s| (period_s * 1e9) as u64),

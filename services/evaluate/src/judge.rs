@@ -104,6 +104,14 @@ impl Judge {
         score.e_at_truth_mm = scores::e_m(cloud, truth).map(mm);
     }
 
+    /// Adds times that became known after the step was scored; unknown steps are ignored.
+    pub fn add_times(&mut self, step: u64, add: impl FnOnce(&mut StageMs)) {
+        // Records come soon after their step: search from the back.
+        if let Some(score) = self.steps.iter_mut().rev().find(|score| score.step == step) {
+            add(&mut score.ms);
+        }
+    }
+
     /// The steps so far.
     pub fn steps(&self) -> &[StepScore] {
         &self.steps

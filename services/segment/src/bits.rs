@@ -96,17 +96,37 @@ impl BitImage {
         count
     }
 
-    /// Sets every pixel whose pixel at `(x - dx, y - dy)` is set in `source`; `|dx| < 64`.
-    pub fn or_shifted(&mut self, source: &Self, dx: i32, dy: i32) {
-        for y in 0..self.height {
-            let from = y as i32 - dy;
-            if !(0..self.height as i32).contains(&from) {
-                continue;
-            }
-            let from = source.row(from as usize);
-            for k in 0..self.words {
-                let word = shifted(from, k, dx) & self.used(k);
-                self.bits[y * self.words + k] |= word;
+    /// Moves the set by `[dx, dy]`; what leaves the image is lost. `|dx| < 64`.
+    pub fn shift(&mut self, [dx, dy]: [i32; 2]) {
+        let (words, rows) = (self.words, dy.unsigned_abs() as usize);
+        let kept = self.height.saturating_sub(rows) * words;
+        let gone = self.bits.len() - kept;
+        if dy >= 0 {
+            self.bits.copy_within(..kept, gone);
+            self.bits[..gone].fill(0);
+        } else {
+            self.bits.copy_within(gone.., 0);
+            self.bits[kept..].fill(0);
+        }
+        if dx == 0 {
+            return;
+        }
+        let (step, last) = (dx.unsigned_abs(), self.used(words - 1));
+        for row in self.bits.chunks_exact_mut(words) {
+            let mut carry = 0;
+            if dx > 0 {
+                for word in row.iter_mut() {
+                    let next = *word >> (64 - step);
+                    *word = *word << step | carry;
+                    carry = next;
+                }
+                row[words - 1] &= last;
+            } else {
+                for word in row.iter_mut().rev() {
+                    let next = *word << (64 - step);
+                    *word = *word >> step | carry;
+                    carry = next;
+                }
             }
         }
     }
@@ -114,23 +134,36 @@ impl BitImage {
     /// Grows the set by a square of side `2 radius + 1`; `radius < 64`.
     pub fn dilate(&mut self, radius: usize, scratch: &mut Self) {
         for y in 0..self.height {
-            let row = self.row(y);
-            for k in 0..self.words {
-                let mut word = row[k];
-                for n in 1..=radius as i32 {
-                    word |= shifted(row, k, n) | shifted(row, k, -n);
-                }
-                scratch.bits[y * self.words + k] = word & self.used(k);
-            }
+            scratch.row_mut(y).copy_from_slice(self.row(y));
+            doubling(radius, |step| grow_right(self.row_mut(y), step));
+            doubling(radius, |step| grow_left(scratch.row_mut(y), step));
+            let row = &mut self.bits[y * self.words..(y + 1) * self.words];
+            row.iter_mut().zip(scratch.row(y)).for_each(|(a, b)| *a |= b);
         }
-        for y in 0..self.height {
-            let low = y.saturating_sub(radius);
-            let high = (y + radius + 1).min(self.height);
-            let out = &mut self.bits[y * self.words..(y + 1) * self.words];
-            out.copy_from_slice(scratch.row(low));
-            for other in low + 1..high {
-                out.iter_mut().zip(scratch.row(other)).for_each(|(a, b)| *a |= b);
-            }
+        let last = self.used(self.words - 1);
+        self.bits.chunks_exact_mut(self.words).for_each(|row| row[self.words - 1] &= last);
+
+        scratch.copy_from(self);
+        doubling(radius, |step| self.grow_down(step));
+        doubling(radius, |step| scratch.grow_up(step));
+        self.or(scratch);
+    }
+
+    /// Adds to each row the row `step` above it, as it was.
+    fn grow_down(&mut self, step: usize) {
+        for y in (step..self.height).rev() {
+            let (above, here) = self.bits.split_at_mut(y * self.words);
+            let above = &above[(y - step) * self.words..];
+            here[..self.words].iter_mut().zip(above).for_each(|(a, b)| *a |= b);
+        }
+    }
+
+    /// Adds to each row the row `step` below it, as it was.
+    fn grow_up(&mut self, step: usize) {
+        for y in 0..self.height.saturating_sub(step) {
+            let (here, below) = self.bits.split_at_mut((y + step) * self.words);
+            let here = &mut here[y * self.words..(y + 1) * self.words];
+            here.iter_mut().zip(below.iter()).for_each(|(a, b)| *a |= b);
         }
     }
 
@@ -142,18 +175,33 @@ impl BitImage {
     }
 }
 
-/// Word `k` of a row shifted by `dx` pixels to the right.
-fn shifted(row: &[u64], k: usize, dx: i32) -> u64 {
-    match dx {
-        0 => row[k],
-        1.. => {
-            let carry = if k > 0 { row[k - 1] >> (64 - dx) } else { 0 };
-            row[k] << dx | carry
-        }
-        _ => {
-            let carry = row.get(k + 1).map_or(0, |next| next << (64 + dx));
-            row[k] >> -dx | carry
-        }
+/// Calls `grow` with steps that together reach `radius`, each at most one above the reach so far.
+fn doubling(radius: usize, mut grow: impl FnMut(usize)) {
+    let mut reach = 0;
+    while reach < radius {
+        let step = (reach + 1).min(radius - reach);
+        grow(step);
+        reach += step;
+    }
+}
+
+/// Adds to each pixel the pixel `step` to its left, as it was; `0 < step < 64`.
+fn grow_right(row: &mut [u64], step: usize) {
+    let mut carry = 0;
+    for word in row {
+        let next = *word >> (64 - step);
+        *word |= *word << step | carry;
+        carry = next;
+    }
+}
+
+/// Adds to each pixel the pixel `step` to its right, as it was; `0 < step < 64`.
+fn grow_left(row: &mut [u64], step: usize) {
+    let mut carry = 0;
+    for word in row.iter_mut().rev() {
+        let next = *word << (64 - step);
+        *word |= *word >> step | carry;
+        carry = next;
     }
 }
 

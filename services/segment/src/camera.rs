@@ -1,6 +1,6 @@
 //! One camera's segmentation: the pixels' story, from a frame to points and edgels.
 
-use orime_geometry::{Edgel, RgbdCamera, RgbdFrame, SheetGrid};
+use orime_geometry::{Edgel, ObservedPoint, RgbdCamera, RgbdFrame, SheetGrid};
 
 use crate::bits::BitImage;
 use crate::color_model::ColorTable;
@@ -8,7 +8,7 @@ use crate::components::Components;
 use crate::contour::Contour;
 use crate::depth::DepthMap;
 use crate::inner_edge;
-use crate::learn::Learner;
+use crate::learn::{Learner, Proposal};
 use crate::occluders::Occluders;
 use crate::params::SegmentParams;
 use crate::select::{Selector, SheetSize};
@@ -17,6 +17,19 @@ use crate::voxels::Voxels;
 
 /// Neighbourhood of sheet-coloured pixels that is searched for steps in depth, pixels.
 const REGION_PX: usize = 16;
+
+/// Least share of a piece of the mask whose depth must have been accepted.
+const SUPPORT_MIN: f32 = 0.3;
+
+/// Farthest that the mask reaches from accepted depth, pixels: the widest gap that the shadow of
+/// an edge leaves in a depth image.
+const UNSUPPORTED_PX_MAX: usize = 8;
+
+/// Smallest part of the sheet that something in front cuts off, as a share of its area.
+const PIECE_SHARE_MIN: f64 = 0.003;
+
+/// The colours next to the sheet are taken between these distances from its mask, pixels.
+const RING_PX: [usize; 2] = [3, 16];
 
 /// What became of one camera's frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,10 +58,13 @@ pub(crate) struct CameraSegmenter {
     selector: Selector,
     occluders: Occluders,
     components: Components,
+    /// Per component of the mask: pixels with accepted depth.
+    support_px: Vec<u32>,
     color: ColorImages,
     depth: DepthImages,
+    voxels: Voxels,
     /// Averaged points of the last frame.
-    pub voxels: Voxels,
+    pub points: Vec<ObservedPoint>,
     /// Edgels of the last frame.
     pub edgels: Vec<Edgel>,
     /// Edgels that found no room.
@@ -102,6 +118,7 @@ impl CameraSegmenter {
             size: SheetSize {
                 area_m2_max: (params.area_ratio_max * area_m2) as f32,
                 area_m2_min: (params.area_ratio_min * area_m2) as f32,
+                piece_m2_min: (PIECE_SHARE_MIN * area_m2) as f32,
                 diagonal_m: a_m.hypot(b_m) as f32,
             },
             table: None,
@@ -111,8 +128,10 @@ impl CameraSegmenter {
             selector: Selector::new(map.width, map.height),
             occluders: Occluders::new(map.width, map.height),
             components: Components::new(width, height),
+            support_px: Vec::with_capacity(width.div_ceil(2) * height),
             color: ColorImages::new(width, height),
             depth: DepthImages::new(map.width, map.height),
+            points: Vec::with_capacity(cells_max),
             voxels: Voxels::new(params.voxel_m as f32, index as u32, cells_max),
             edgels: Vec::with_capacity(outline_px),
             edgels_left_out: 0,
@@ -120,19 +139,20 @@ impl CameraSegmenter {
         }
     }
 
+    /// Depth pixels of the last frame that found no cell.
+    pub fn pixels_left_out(&self) -> u32 {
+        self.voxels.left_out()
+    }
+
     /// The mask of the last frame.
     pub fn mask(&self) -> &BitImage {
         &self.color.mask
     }
 
-    /// The averaged point `k` of the last frame.
-    pub fn point(&self, k: usize) -> orime_geometry::ObservedPoint {
-        self.voxels.point(k, &self.map, &self.depth.sheet)
-    }
-
     /// Segments one frame; the results stay until the next.
     pub fn segment(&mut self, frame: Option<RgbdFrame<'_>>) -> Outcome {
         self.voxels.clear();
+        self.points.clear();
         self.edgels.clear();
         self.edgels_left_out = 0;
         self.color.mask.clear();
@@ -164,23 +184,39 @@ impl CameraSegmenter {
     fn learn(&mut self, frame: &RgbdFrame<'_>) -> bool {
         if let Some(hint) = self.params.color_hint_rgb {
             let hints = [hint, self.params.back_color_hint_rgb.unwrap_or(hint)];
-            let table = self.learner.from_hints(frame.color_rgb, &hints);
-            let found = self.find_sheet(frame.color_rgb, &table).is_some();
-            if found {
-                self.table = Some(table);
-            }
-            return found;
+            let proposal = self.learner.from_hints(frame.color_rgb, &hints);
+            let found = self.find_sheet(frame.color_rgb, &proposal.table).is_some();
+            return found && self.settle(frame, proposal);
         }
         let least = self.params.learn_area_ratio_min / self.params.area_ratio_min;
         let least_m2 = least as f32 * self.size.area_m2_min;
-        for table in self.learner.propose(frame.color_rgb) {
-            let area_m2 = self.find_sheet(frame.color_rgb, &table);
+        for proposal in self.learner.propose(frame.color_rgb) {
+            let area_m2 = self.find_sheet(frame.color_rgb, &proposal.table);
             if area_m2.is_some_and(|area_m2| area_m2 >= least_m2) && !self.mask_at_border() {
+                return self.settle(frame, proposal);
+            }
+        }
+        false
+    }
+
+    /// Takes over a proposal that found the sheet, told apart from what lies next to the sheet.
+    fn settle(&mut self, frame: &RgbdFrame<'_>, proposal: Proposal) -> bool {
+        if !proposal.seeds.is_empty() {
+            let color = &mut self.color;
+            color.eroded.copy_from(&color.mask);
+            color.eroded.dilate(RING_PX[0], &mut color.scratch);
+            color.around.copy_from(&color.mask);
+            color.around.dilate(RING_PX[1], &mut color.scratch);
+            color.around.and_not(&color.eroded);
+            let table = self.learner.refine(frame.color_rgb, &proposal.seeds, &color.around);
+            if self.find_sheet(frame.color_rgb, &table).is_some() {
                 self.table = Some(table);
                 return true;
             }
         }
-        false
+        let found = self.find_sheet(frame.color_rgb, &proposal.table).is_some();
+        self.table = Some(proposal.table);
+        found
     }
 
     fn mask_at_border(&self) -> bool {
@@ -205,7 +241,7 @@ impl CameraSegmenter {
         color.eroded.copy_from(&color.candidate);
         color.eroded.erode(params.mask_margin_px, &mut color.scratch);
         self.map.look_up(&color.eroded, Some(&depth.region), &mut depth.surface);
-        self.steps.find(&self.map, &depth.region, &depth.sheet_colored);
+        self.steps.find(&self.map, &depth.region);
         depth.surface.and_not(&self.steps.edge);
         let area_m2 = self.selector.select(
             &self.map,
@@ -236,6 +272,8 @@ impl CameraSegmenter {
         color.eroded.dilate(2, &mut color.scratch);
         color.mask.and_not(&color.eroded);
 
+        self.keep_supported();
+        let color = &mut self.color;
         let hole_px_max = self.params.hole_ratio_max * color.mask.count() as f64;
         self.components.find(&color.mask, false);
         color.around.clear();
@@ -246,6 +284,35 @@ impl CameraSegmenter {
                 color.around.set_run(y, start, end);
             } else if f64::from(component.pixels) <= hole_px_max {
                 color.mask.set_run(y, start, end);
+            }
+        }
+    }
+
+    /// Drops the pieces of the mask of which hardly any depth pixel was accepted: what is left of
+    /// things that were refused, where they have no depth.
+    fn keep_supported(&mut self) {
+        let (color, depth) = (&mut self.color, &mut self.depth);
+        color.eroded.clear();
+        self.map.splat(&depth.accepted, &mut color.eroded);
+        color.around.copy_from(&color.eroded);
+        color.around.dilate(UNSUPPORTED_PX_MAX, &mut color.scratch);
+        color.occluded.copy_from(&color.mask);
+        color.occluded.and_not(&color.around);
+        color.occluded.dilate(UNSUPPORTED_PX_MAX + 2, &mut color.scratch);
+        color.mask.and_not(&color.occluded);
+        color.eroded.dilate(2, &mut color.scratch);
+        self.components.find(&color.mask, true);
+        self.support_px.clear();
+        self.support_px.resize(self.components.list.len(), 0);
+        for run in &self.components.runs {
+            let (y, start, end) = (run.y as usize, run.start as usize, run.end as usize);
+            self.support_px[run.component as usize] += color.eroded.count_run(y, start, end);
+        }
+        color.mask.clear();
+        for run in &self.components.runs {
+            let pixels = self.components.list[run.component as usize].pixels;
+            if self.support_px[run.component as usize] as f32 >= SUPPORT_MIN * pixels as f32 {
+                color.mask.set_run(run.y as usize, run.start as usize, run.end as usize);
             }
         }
     }
@@ -264,6 +331,7 @@ impl CameraSegmenter {
         depth.surface.dilate(params.occluder_margin_px, &mut depth.scratch);
         depth.sheet.and_not(&depth.surface);
         self.voxels.add(&self.map, &depth.sheet);
+        self.voxels.average(&self.map, &depth.sheet, &mut self.points);
     }
 
     fn take_edgels(&mut self, color_rgb: &[u8]) {
@@ -271,6 +339,7 @@ impl CameraSegmenter {
         let (color, depth, params) = (&mut self.color, &mut self.depth, &self.params);
         color.occluded.clear();
         self.map.splat(&self.occluders.found, &mut color.occluded);
+        self.map.splat(&self.occluders.unsure, &mut color.occluded);
         color.occluded.dilate(params.edgel_occluder_margin_px, &mut color.scratch);
         let contour = Contour {
             color_rgb,

@@ -23,6 +23,10 @@ const APART_PX: f32 = 2.0;
 /// Largest disagreement of the outer profiles' crossings with a straight edge, pixels.
 const BEND_MAX_PX: f32 = 0.75;
 
+/// Sheetness must pass from this share to its complement within this distance of the edge.
+const SHARP_SHARE: f32 = 0.8;
+const SHARP_PX: f32 = 2.0;
+
 /// Radius of the window that the mask's normal is taken from, pixels.
 const WINDOW_PX: i32 = 4;
 
@@ -164,7 +168,10 @@ impl Contour<'_> {
             }
             before = here;
         }
-        best
+        // A shadow's border is softer than an edge of paper.
+        best.filter(|t| {
+            sheetness(t - SHARP_PX) > SHARP_SHARE && sheetness(t + SHARP_PX) < 1.0 - SHARP_SHARE
+        })
     }
 
     fn is_sheet(&self, color: [f32; 3]) -> bool {

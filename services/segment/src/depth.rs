@@ -58,6 +58,22 @@ impl Rays {
     }
 }
 
+/// One row of a depth image.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct WorldRow<'a> {
+    z_m: &'a [f32],
+    rays: &'a [[f32; 3]],
+    origin_m: [f32; 3],
+}
+
+impl WorldRow<'_> {
+    /// World position of pixel `x`, metres; NaN without depth.
+    pub fn point(&self, x: usize) -> [f32; 3] {
+        let (z_m, ray) = (self.z_m[x], self.rays[x]);
+        [0, 1, 2].map(|axis| self.origin_m[axis] + z_m * ray[axis])
+    }
+}
+
 /// How the colour camera sees the depth image's points.
 #[derive(Debug)]
 struct ColorLens {
@@ -127,6 +143,16 @@ impl DepthMap {
     /// World position of a pixel's point, metres.
     pub fn world_m(&self, x: usize, y: usize) -> [f32; 3] {
         self.world.point(y * self.width + x, self.z_m(x as i32, y as i32))
+    }
+
+    /// Row `y`, for its points in the world.
+    pub fn world_row(&self, y: usize) -> WorldRow<'_> {
+        let start = self.index(0, y as i32);
+        WorldRow {
+            z_m: &self.z_m[start..start + self.width],
+            rays: &self.world.rays[y * self.width..(y + 1) * self.width],
+            origin_m: self.world.origin_m,
+        }
     }
 
     /// Viewing ray of a pixel in world axes, `z = 1` along the optical axis.

@@ -27,9 +27,26 @@ const BORDER_CLUSTERS: usize = 5;
 /// Border colours this near to the sheet's are the sheet's.
 const SAME_COLOR: f32 = 0.12;
 
-/// A border whose clusters are all this near to each other is plain, and what is farther from
-/// it is something else.
+/// A border nine tenths of which are this near to one colour is plain, and what is farther from
+/// that colour is something else.
 const PLAIN: f32 = 0.3;
+
+/// Hands: chroma of skin of any tone, in light and in shade.
+const SKIN: [Feature; 3] = [[0.5, -0.2, 1.93], [0.5, -0.22, 1.82], [0.55, -0.25, 1.7]];
+
+/// A sheet this near to skin is not told from hands by colour.
+const SKIN_LIKE: f32 = 0.3;
+
+/// Clusters of the colours next to the sheet.
+const RING_CLUSTERS: usize = 6;
+
+/// Colours that may be the sheet's.
+#[derive(Debug)]
+pub(crate) struct Proposal {
+    pub table: ColorTable,
+    /// The sheet's own colours; none where it is only known what is not the sheet.
+    pub seeds: Vec<Feature>,
+}
 
 /// Finds colours that may be the sheet's; keeps its memory.
 #[derive(Debug)]
@@ -55,31 +72,56 @@ impl Learner {
         }
     }
 
-    /// Colour tables worth trying on this picture, best first.
-    pub fn propose(&mut self, color_rgb: &[u8]) -> Vec<ColorTable> {
+    /// Colours worth trying on this picture, best first.
+    pub fn propose(&mut self, color_rgb: &[u8]) -> Vec<Proposal> {
         self.find_flat(color_rgb);
         self.components.find(&self.flat, true);
-        let around = self.border_clusters(color_rgb);
-        let mut tables: Vec<ColorTable> = self
+        // Regions first: they use the samples' memory.
+        let seeds: Vec<Feature> = self
             .regions()
             .into_iter()
-            .map(|region| {
-                let seed = self.median_feature(color_rgb, region);
-                two_class(&[seed], &around)
-            })
+            .map(|region| self.median_feature(color_rgb, region))
             .collect();
-        let spread = |a: &Feature| around.iter().all(|b| distance_squared(a, b) < PLAIN * PLAIN);
-        if around.iter().all(spread) {
-            tables.push(ColorTable::unlike(&around, PLAIN));
+        let around = self.border_clusters(color_rgb);
+        let mut proposals: Vec<Proposal> = seeds
+            .iter()
+            .map(|seed| Proposal { table: two_class(&[*seed], &around), seeds: vec![*seed] })
+            .collect();
+        // The border's samples were last.
+        let like = |a: &Feature| {
+            self.samples.iter().filter(|b| distance_squared(a, b) < PLAIN * PLAIN).count()
+        };
+        let plain = around.into_iter().max_by_key(like);
+        if let Some(plain) = plain.filter(|a| like(a) * 10 > self.samples.len() * 9) {
+            let table = ColorTable::unlike(&[plain], PLAIN);
+            proposals.push(Proposal { table, seeds: Vec::new() });
         }
-        tables
+        proposals
+    }
+
+    /// The table of `seeds` against this picture's border and the colours of `ring`, pixels next
+    /// to the sheet.
+    pub fn refine(
+        &mut self,
+        color_rgb: &[u8],
+        seeds: &[Feature],
+        ring: &BitImage,
+    ) -> ColorTable {
+        let mut around = self.border_clusters(color_rgb);
+        self.samples.clear();
+        for y in 0..ring.height {
+            let pixels = (0..ring.width).filter(|x| (x + y) % 3 == 0 && ring.get(*x, y));
+            self.samples.extend(pixels.map(|x| feature_at(color_rgb, y * ring.width + x)));
+        }
+        around.extend(k_means(&self.samples, RING_CLUSTERS, self.seed));
+        two_class(seeds, &around)
     }
 
     /// The table of a sheet whose colours are known, in front of this picture's border.
-    pub fn from_hints(&mut self, color_rgb: &[u8], hints: &[[u8; 3]]) -> ColorTable {
+    pub fn from_hints(&mut self, color_rgb: &[u8], hints: &[[u8; 3]]) -> Proposal {
         let seeds: Vec<Feature> = hints.iter().map(|c| feature(c.map(f32::from))).collect();
         let around = self.border_clusters(color_rgb);
-        two_class(&seeds, &around)
+        Proposal { table: two_class(&seeds, &around), seeds }
     }
 
     fn find_flat(&mut self, color_rgb: &[u8]) {
@@ -175,7 +217,13 @@ impl Learner {
 fn two_class(seeds: &[Feature], around: &[Feature]) -> ColorTable {
     let other =
         |c: &&Feature| seeds.iter().all(|seed| distance_squared(seed, c) > SAME_COLOR * SAME_COLOR);
-    let around: Vec<Feature> = around.iter().filter(other).copied().collect();
+    let unlike_skin = |skin: &Feature| {
+        seeds.iter().all(|seed| distance_squared(seed, skin) > SKIN_LIKE * SKIN_LIKE)
+    };
+    let mut around: Vec<Feature> = around.iter().filter(other).copied().collect();
+    if SKIN.iter().all(unlike_skin) {
+        around.extend(SKIN);
+    }
     ColorTable::two_class(seeds, &around)
 }
 

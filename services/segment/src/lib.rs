@@ -84,17 +84,15 @@ impl Segmenter {
         let counted = |wanted| self.cameras.iter().filter(|(_, o)| *o == wanted).count() as u32;
         report.cameras_without_sheet = counted(Outcome::NoSheet);
         report.cameras_without_frame = counted(Outcome::NoFrame);
-        report.pixels_left_out = self.cameras.iter().map(|(c, _)| c.voxels.left_out).sum();
+        report.pixels_left_out = self.cameras.iter().map(|(c, _)| c.pixels_left_out()).sum();
 
         let cameras = || self.cameras.iter().map(|(camera, _)| camera);
-        let total = cameras().map(|camera| camera.voxels.len()).sum();
-        let points = cameras().flat_map(|c| (0..c.voxels.len()).map(move |k| (c, k)));
-        report.points = thin(points, total, out.points, |(camera, k)| camera.point(k));
+        let total = cameras().map(|camera| camera.points.len()).sum();
+        report.points = thin(cameras().flat_map(|camera| &camera.points), total, out.points);
         report.points_left_out = (total - report.points) as u32;
 
         let total = cameras().map(|camera| camera.edgels.len()).sum();
-        let edgels = cameras().flat_map(|camera| &camera.edgels);
-        report.edgels = thin(edgels, total, out.edgels, |edgel| *edgel);
+        report.edgels = thin(cameras().flat_map(|camera| &camera.edgels), total, out.edgels);
         let not_traced: u32 = cameras().map(|camera| camera.edgels_left_out).sum();
         report.edgels_left_out = (total - report.edgels) as u32 + not_traced;
         report
@@ -111,17 +109,16 @@ impl Segmenter {
 }
 
 /// Writes as many of `total` items as fit, evenly spread, and returns their number.
-fn thin<T, U>(
-    items: impl Iterator<Item = T>,
+fn thin<'a, T: Copy + 'a>(
+    items: impl Iterator<Item = &'a T>,
     total: usize,
-    out: &mut [U],
-    write: impl Fn(T) -> U,
+    out: &mut [T],
 ) -> usize {
     let room = out.len().min(total);
     let mut written = 0;
     for (k, item) in items.enumerate() {
         if (k + 1) * room / total > written {
-            out[written] = write(item);
+            out[written] = *item;
             written += 1;
         }
     }

@@ -11,6 +11,9 @@ const SHEET_BAND_PX: usize = 6;
 pub(crate) struct Occluders {
     /// Depth pixels on both sides of the edges of things in front of the sheet.
     pub found: BitImage,
+    /// Depth pixels on both sides of gaps that begin on the sheet and end beside it, level with
+    /// it: perhaps something thin in front of it that returns no depth (a clip).
+    pub unsure: BitImage,
     support: BitImage,
     band: BitImage,
     step: BitImage,
@@ -20,7 +23,8 @@ pub(crate) struct Occluders {
 impl Occluders {
     pub fn new(width: usize, height: usize) -> Self {
         let image = || BitImage::new(width, height);
-        Self { found: image(), support: image(), band: image(), step: image(), scratch: image() }
+        Self { found: image(),
+            unsure: image(), support: image(), band: image(), step: image(), scratch: image() }
     }
 
     /// A step whose far side is the sheet and whose near side is not the sheet's own flap.
@@ -30,24 +34,34 @@ impl Occluders {
         self.band.copy_from(sheet);
         self.band.dilate(SHEET_BAND_PX, &mut self.scratch);
 
-        // Across gaps in depth the two sides are farther apart than across steps.
-        self.found.copy_from(&steps.gap_far);
-        self.found.and(&self.band);
-        self.step.copy_from(&self.found);
-        self.step.dilate(2 * SHEET_BAND_PX, &mut self.scratch);
-        self.step.and(&steps.gap_near);
-        self.found.or(&self.step);
-
+        self.found.clear();
+        for gap in &steps.gaps {
+            let [near, far] = gap.map(|at| (at as usize % sheet.width, at as usize / sheet.width));
+            if self.band.get(far.0, far.1) && !self.support.get(near.0, near.1) {
+                self.found.set(near.0, near.1);
+                self.found.set(far.0, far.1);
+            }
+        }
+        self.unsure.clear();
+        for gap in &steps.level_gaps {
+            let [a, b] = gap.map(|at| (at as usize % sheet.width, at as usize / sheet.width));
+            if self.support.get(a.0, a.1) != self.support.get(b.0, b.1) {
+                self.unsure.set(a.0, a.1);
+                self.unsure.set(b.0, b.1);
+            }
+        }
         for (near, [dx, dy]) in steps.near.iter().zip(DIRECTIONS) {
             self.step.copy_from(near);
-            self.scratch.clear();
-            self.scratch.or_shifted(&self.support, SPAN_PX * dx, SPAN_PX * dy);
+            let across = [SPAN_PX * dx, SPAN_PX * dy];
+            self.scratch.copy_from(&self.support);
+            self.scratch.shift(across);
             self.step.and_not(&self.scratch);
-            self.scratch.clear();
-            self.scratch.or_shifted(&self.band, -SPAN_PX * dx, -SPAN_PX * dy);
+            self.scratch.copy_from(&self.band);
+            self.scratch.shift(across.map(|d| -d));
             self.step.and(&self.scratch);
             self.found.or(&self.step);
-            self.found.or_shifted(&self.step, SPAN_PX * dx, SPAN_PX * dy);
+            self.step.shift(across);
+            self.found.or(&self.step);
         }
     }
 }

@@ -22,6 +22,8 @@ pub(crate) struct SheetSize {
     /// Largest and smallest visible area, m².
     pub area_m2_max: f32,
     pub area_m2_min: f32,
+    /// Smallest area of a part that something in front cuts off, m².
+    pub piece_m2_min: f32,
     /// Largest distance between two points, metres.
     pub diagonal_m: f32,
 }
@@ -95,7 +97,11 @@ impl Selector {
         let area_m2 = self.accept(size)?;
         for run in &self.components.runs {
             let patch = &self.patches[run.component as usize];
-            let out = if patch.accepted { &mut *accepted } else { &mut *refused };
+            let out = match patch {
+                patch if patch.accepted => &mut *accepted,
+                patch if patch.pixels >= PATCH_MIN_PX => &mut *refused,
+                _ => continue,
+            };
             out.set_run(run.y as usize, run.start as usize, run.end as usize);
         }
         Some(area_m2)
@@ -107,14 +113,25 @@ impl Selector {
     }
 
     fn mark_steps(&mut self, steps: &Steps) {
-        self.near.copy_from(&steps.gap_near);
-        self.far.copy_from(&steps.gap_far);
+        self.near.clear();
+        self.far.clear();
+        let width = self.near.width;
+        for [near, far] in steps.gaps.iter().map(|gap| gap.map(|at| at as usize)) {
+            self.near.set(near % width, near / width);
+            self.far.set(far % width, far / width);
+        }
         for (near, [dx, dy]) in steps.near.iter().zip(DIRECTIONS) {
             self.near.or(near);
-            self.far.or_shifted(near, SPAN_PX * dx, SPAN_PX * dy);
+            self.scratch.copy_from(near);
+            self.scratch.shift([SPAN_PX * dx, SPAN_PX * dy]);
+            self.far.or(&self.scratch);
         }
         self.near.dilate(3, &mut self.scratch);
         self.far.dilate(3, &mut self.scratch);
+        // Of a pixel close to both sides nothing is known.
+        self.scratch.copy_from(&self.near);
+        self.near.and_not(&self.far);
+        self.far.and_not(&self.scratch);
     }
 
     fn measure(&mut self, map: &DepthMap, colors: &Components, before: &BitImage) {
@@ -174,6 +191,12 @@ impl Selector {
                 area_m2 += patch.area_m2;
             }
         }
+        if std::env::var("DBG").is_ok() {
+            for k in &self.order {
+                eprintln!("{:?}", self.patches[*k as usize]);
+            }
+            eprintln!("-- {area_m2} {size:?}");
+        }
         (area_m2 >= size.area_m2_min).then_some(area_m2)
     }
 }
@@ -190,6 +213,8 @@ fn belongs(patch: &Patch, anchor: &Patch, size: &SheetSize) -> bool {
     let in_front = patch.near > 2 * patch.far
         && patch.near as f32 > OUTLINE_SHARE * outline
         && patch.area_m2 < 0.5 * anchor.area_m2;
-    let behind = patch.far > patch.near && patch.far as f32 > OUTLINE_SHARE * outline;
+    let behind = patch.far > 2 * patch.near
+        && patch.far as f32 > OUTLINE_SHARE * outline
+        && patch.area_m2 > size.piece_m2_min;
     if patch.color == anchor.color { !in_front } else { behind }
 }

@@ -35,7 +35,7 @@ impl Segment {
             config: service.config("segment", SegmentParams::check)?,
             sheet: service.config("sheet", SheetParams::check)?,
             pace: service.set().pace,
-            frames: service.subscribe_frames(&channel::FRAME)?,
+            frames: service.subscribe_frames()?,
             clouds: service.publish(&channel::CLOUD)?,
             recorder: service.recorder()?,
             gathering: Gathering::default(),

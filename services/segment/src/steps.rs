@@ -22,6 +22,10 @@ const SLOPE_MAX: f32 = 2.5;
 /// Widest gap in the depth image across which an occluder is looked for, pixels.
 const GAP_MAX_PX: usize = 16;
 
+/// Gaps without a step that matter, pixels: narrower ones are noise.
+const LEVEL_GAP_MIN_PX: f32 = 4.0;
+const LEVEL_GAP_MAX_PX: usize = 40;
+
 /// Directions from the near side of a step to its far side.
 pub(crate) const DIRECTIONS: [[i32; 2]; 4] = [[1, 0], [-1, 0], [0, 1], [0, -1]];
 
@@ -32,10 +36,11 @@ pub(crate) struct Steps {
     pub near: [BitImage; 4],
     /// Everything from the near to the far side of any step.
     pub edge: BitImage,
-    /// Pixels across a gap in the depth image from something nearer that is not sheet-coloured,
-    pub gap_far: BitImage,
-    /// and the nearer pixels.
-    pub gap_near: BitImage,
+    /// Steps across gaps in the depth image: the near and the far pixel, row-major.
+    pub gaps: Vec<[u32; 2]>,
+    /// Gaps between pixels at one depth: print, or something that reflects no depth. Row-major.
+    pub level_gaps: Vec<[u32; 2]>,
+    moved: BitImage,
     base_m: f32,
     growth_per_m: f32,
     /// Per metre of depth: by how much depth may change over [`SPAN_PX`].
@@ -48,17 +53,19 @@ impl Steps {
         Self {
             near: [image(), image(), image(), image()],
             edge: image(),
-            gap_far: image(),
-            gap_near: image(),
+            level_gaps: Vec::with_capacity(map.width * map.height),
+            moved: image(),
+            // One gap in a row and one in a column may end at a pixel, but no two pixels in a
+            // row can both end one.
+            gaps: Vec::with_capacity(map.width * map.height),
             base_m: params.step_m as f32,
             growth_per_m: params.step_growth_per_m as f32,
             slope: map.focal_px.map(|f| SLOPE_MAX * SPAN_PX as f32 / f),
         }
     }
 
-    /// Examines the words of `map` in which `region` has a pixel; `sheet_colored` are the depth
-    /// pixels of the sheet's colour.
-    pub fn find(&mut self, map: &DepthMap, region: &BitImage, sheet_colored: &BitImage) {
+    /// Examines the words of `map` in which `region` has a pixel.
+    pub fn find(&mut self, map: &DepthMap, region: &BitImage) {
         self.near.iter_mut().for_each(BitImage::clear);
         self.edge.clear();
         for y in 0..map.height {
@@ -69,11 +76,14 @@ impl Steps {
             }
         }
         for (near, [dx, dy]) in self.near.iter().zip(DIRECTIONS) {
-            for n in 0..=SPAN_PX {
-                self.edge.or_shifted(near, n * dx, n * dy);
+            self.moved.copy_from(near);
+            self.edge.or(&self.moved);
+            for _ in 0..SPAN_PX {
+                self.moved.shift([dx, dy]);
+                self.edge.or(&self.moved);
             }
         }
-        self.find_gaps(map, region, sheet_colored);
+        self.find_gaps(map, region);
     }
 
     /// The least step at a depth, metres.
@@ -119,9 +129,9 @@ impl Steps {
     }
 
     /// Compares the two sides of each gap in the depth image.
-    fn find_gaps(&mut self, map: &DepthMap, region: &BitImage, sheet_colored: &BitImage) {
-        self.gap_far.clear();
-        self.gap_near.clear();
+    fn find_gaps(&mut self, map: &DepthMap, region: &BitImage) {
+        self.gaps.clear();
+        self.level_gaps.clear();
         for y in 0..map.height {
             for k in 0..region.words {
                 if region.row(y)[k] == 0 {
@@ -139,12 +149,12 @@ impl Steps {
                     rest &= rest - 1;
                     let x = 64 * k + bit as usize;
                     if after_gap >> bit & 1 == 1 {
-                        let before = (2..=GAP_MAX_PX.min(x)).map(|n| (x - n, y));
-                        self.compare_gap(map, sheet_colored, before, (x, y));
+                        let before = (2..=LEVEL_GAP_MAX_PX.min(x)).map(|n| (x - n, y));
+                        self.compare_gap(map, before, (x, y));
                     }
                     if below_gap >> bit & 1 == 1 {
-                        let before = (2..=GAP_MAX_PX.min(y)).map(|n| (x, y - n));
-                        self.compare_gap(map, sheet_colored, before, (x, y));
+                        let before = (2..=LEVEL_GAP_MAX_PX.min(y)).map(|n| (x, y - n));
+                        self.compare_gap(map, before, (x, y));
                     }
                 }
             }
@@ -154,7 +164,6 @@ impl Steps {
     fn compare_gap(
         &mut self,
         map: &DepthMap,
-        sheet_colored: &BitImage,
         mut before: impl Iterator<Item = (usize, usize)>,
         b: (usize, usize),
     ) {
@@ -164,11 +173,13 @@ impl Steps {
         let gap_px = (b.0 - a.0 + b.1 - a.1) as f32;
         let slope = self.slope[0] / SPAN_PX as f32 * gap_px;
         let step_m = z_m(far) - z_m(near);
-        if step_m > self.least_m(z_m(near)) + slope * z_m(near)
-            && !sheet_colored.get(near.0, near.1)
-        {
-            self.gap_far.set(far.0, far.1);
-            self.gap_near.set(near.0, near.1);
+        let ends = [near, far].map(|(x, y)| (y * map.width + x) as u32);
+        if step_m > self.least_m(z_m(near)) + slope * z_m(near) {
+            if gap_px <= GAP_MAX_PX as f32 {
+                self.gaps.push(ends);
+            }
+        } else if gap_px >= LEVEL_GAP_MIN_PX {
+            self.level_gaps.push(ends);
         }
     }
 }

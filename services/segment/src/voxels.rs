@@ -8,20 +8,20 @@ use crate::depth::DepthMap;
 /// Nobody has taken this slot of the hash table.
 const FREE: u32 = u32::MAX;
 
-/// Farthest pixels that a normal is measured from, and their spacing.
-const REACH_PX: i32 = 4;
+/// How far on either side a normal is measured from, pixels.
+const REACH_PX: [usize; 2] = [2, 4];
 
 /// Points per cell of one camera's image.
 #[derive(Debug)]
 pub(crate) struct Voxels {
     size_m: f32,
+    per_m: f32,
     camera: u32,
     cells: Vec<Cell>,
     cells_max: usize,
     /// Open addressing; a power of two, at least twice `cells_max`.
     slots: Vec<u32>,
-    /// Pixels that found no cell since `cells_max` were taken.
-    pub left_out: u32,
+    left_out: u32,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -35,22 +35,23 @@ struct Cell {
     pixel: [f32; 2],
 }
 
+impl Cell {
+    const EMPTY: Self =
+        Self { key: [i32::MIN; 3], slot: FREE, pixels: 0.0, offset_m: [0.0; 3], pixel: [0.0; 2] };
+}
+
 impl Voxels {
     /// Memory for `cells_max` cells of side `size_m`.
     pub fn new(size_m: f32, camera: u32, cells_max: usize) -> Self {
         Self {
             size_m,
+            per_m: 1.0 / size_m,
             camera,
             cells: Vec::with_capacity(cells_max),
             cells_max,
             slots: vec![FREE; (2 * cells_max).next_power_of_two()],
             left_out: 0,
         }
-    }
-
-    /// Cells that hold points.
-    pub fn len(&self) -> usize {
-        self.cells.len()
     }
 
     /// Forgets all points.
@@ -63,40 +64,46 @@ impl Voxels {
 
     /// Takes the points of `pixels` of the loaded image, in raster order.
     pub fn add(&mut self, map: &DepthMap, pixels: &BitImage) {
-        let mut last: Option<usize> = None;
+        let mut sum = Cell::EMPTY;
         for y in 0..map.height {
-            for k in 0..pixels.words {
-                let mut rest = pixels.row(y)[k];
+            let row = map.world_row(y);
+            for (k, word) in pixels.row(y).iter().enumerate() {
+                let mut rest = *word;
                 while rest != 0 {
                     let x = 64 * k + rest.trailing_zeros() as usize;
                     rest &= rest - 1;
-                    last = self.add_point(map.world_m(x, y), [x as f32, y as f32], last);
+                    let position_m = row.point(x);
+                    let key = position_m.map(|x| floor(x * self.per_m));
+                    // Neighbours are often in the same cell.
+                    if key != sum.key {
+                        self.merge(&sum);
+                        sum = Cell { key, ..Cell::EMPTY };
+                    }
+                    sum.pixels += 1.0;
+                    for axis in 0..3 {
+                        sum.offset_m[axis] += position_m[axis] - key[axis] as f32 * self.size_m;
+                    }
+                    sum.pixel[0] += x as f32;
+                    sum.pixel[1] += y as f32;
                 }
             }
         }
+        self.merge(&sum);
     }
 
-    /// Adds one point; `last` is the cell of the point before, which is often the same.
-    fn add_point(
-        &mut self,
-        position_m: [f32; 3],
-        pixel: [f32; 2],
-        last: Option<usize>,
-    ) -> Option<usize> {
-        let key = position_m.map(|x| (x / self.size_m).floor() as i32);
-        let found = last.filter(|k| self.cells[*k].key == key).or_else(|| self.find(key));
-        let Some(index) = found else {
-            self.left_out += 1;
-            return None;
+    /// Adds the sums of a few pixels to their cell.
+    fn merge(&mut self, sum: &Cell) {
+        if sum.pixels == 0.0 {
+            return;
+        }
+        let Some(index) = self.find(sum.key) else {
+            self.left_out += sum.pixels as u32;
+            return;
         };
         let cell = &mut self.cells[index];
-        cell.pixels += 1.0;
-        for axis in 0..3 {
-            cell.offset_m[axis] += position_m[axis] - key[axis] as f32 * self.size_m;
-        }
-        cell.pixel[0] += pixel[0];
-        cell.pixel[1] += pixel[1];
-        found
+        cell.pixels += sum.pixels;
+        (0..3).for_each(|axis| cell.offset_m[axis] += sum.offset_m[axis]);
+        (0..2).for_each(|axis| cell.pixel[axis] += sum.pixel[axis]);
     }
 
     /// The cell of a key, a new one if need be; `None` when there is no room.
@@ -114,22 +121,27 @@ impl Voxels {
             return None;
         }
         self.slots[slot] = self.cells.len() as u32;
-        self.cells.push(Cell {
-            key,
-            slot: slot as u32,
-            pixels: 0.0,
-            offset_m: [0.0; 3],
-            pixel: [0.0; 2],
-        });
+        self.cells.push(Cell { key, slot: slot as u32, ..Cell::EMPTY });
         Some(self.cells.len() - 1)
     }
 
-    /// The averaged point of cell `index`, in the order in which the cells were first met.
-    pub fn point(&self, index: usize, map: &DepthMap, surface: &BitImage) -> ObservedPoint {
+    /// Writes the averaged points, in the order in which their cells were first met. `surface`
+    /// are the pixels that were added, or more of the same surface.
+    pub fn average(&self, map: &DepthMap, surface: &BitImage, out: &mut Vec<ObservedPoint>) {
+        out.clear();
+        out.extend((0..self.cells.len()).map(|k| self.point(k, map, surface)));
+    }
+
+    /// Pixels that found no cell because all were taken.
+    pub fn left_out(&self) -> u32 {
+        self.left_out
+    }
+
+    fn point(&self, index: usize, map: &DepthMap, surface: &BitImage) -> ObservedPoint {
         let cell = &self.cells[index];
         let position =
             |axis: usize| cell.key[axis] as f32 * self.size_m + cell.offset_m[axis] / cell.pixels;
-        let [x, y] = cell.pixel.map(|sum| (sum / cell.pixels).round() as i32);
+        let [x, y] = cell.pixel.map(|sum| (sum / cell.pixels + 0.5) as usize);
         ObservedPoint {
             position_m: [0, 1, 2].map(position),
             normal: normal(map, surface, x, y).unwrap_or([0.0; 3]),
@@ -142,20 +154,21 @@ impl Voxels {
 /// Unit normal of the surface at a depth pixel, towards the camera, world axes.
 ///
 /// With `P = z r` the surface has the tangents `P_u = z_u r + z r_u` and `P_v` alike; the slopes
-/// `z_u`, `z_v` are least-squares over symmetric pairs of pixels up to [`REACH_PX`] away, in
-/// three rows (columns). `None` with fewer than two pairs either way.
-fn normal(map: &DepthMap, surface: &BitImage, x: i32, y: i32) -> Option<[f32; 3]> {
-    let slope = |along: [i32; 2], across: [i32; 2]| {
+/// `z_u`, `z_v` are least-squares over symmetric pairs of pixels [`REACH_PX`] away, in three
+/// rows (columns). `None` with fewer than two pairs either way.
+fn normal(map: &DepthMap, surface: &BitImage, x: usize, y: usize) -> Option<[f32; 3]> {
+    let inside = |at: usize, size: usize| REACH_PX[1] <= at && at + REACH_PX[1] < size;
+    if !inside(x, map.width) || !inside(y, map.height) || !surface.get(x, y) {
+        return None;
+    }
+    let slope = |pair: &dyn Fn(usize, usize) -> [[usize; 2]; 2]| {
         let (mut rise, mut run, mut pairs) = (0.0, 0.0, 0);
-        for side in [-2, 0, 2] {
-            for n in 1..=REACH_PX {
-                let at = |sign: i32| {
-                    let dx = sign * n * along[0] + side * across[0];
-                    let dy = sign * n * along[1] + side * across[1];
-                    surface.get_or_unset(x + dx, y + dy).then(|| map.z_m(x + dx, y + dy))
-                };
-                if let (Some(after), Some(before)) = (at(1), at(-1)) {
-                    rise += n as f32 * (after - before);
+        for side in [0, 2, 4] {
+            for n in REACH_PX {
+                let [before, after] = pair(n, side);
+                if surface.get(before[0], before[1]) && surface.get(after[0], after[1]) {
+                    let z_m = |[x, y]: [usize; 2]| map.z_m(x as i32, y as i32);
+                    rise += n as f32 * (z_m(after) - z_m(before));
                     run += (2 * n * n) as f32;
                     pairs += 1;
                 }
@@ -163,12 +176,10 @@ fn normal(map: &DepthMap, surface: &BitImage, x: i32, y: i32) -> Option<[f32; 3]
         }
         (pairs >= 2).then(|| rise / run)
     };
-    let z_u = slope([1, 0], [0, 1])?;
-    let z_v = slope([0, 1], [1, 0])?;
-    let (x, y) = (x as usize, y as usize);
+    let z_u = slope(&|n, side| [[x - n, y + side - 2], [x + n, y + side - 2]])?;
+    let z_v = slope(&|n, side| [[x + side - 2, y - n], [x + side - 2, y + n]])?;
     let z = map.z_m(x as i32, y as i32);
     let ray = map.world_ray(x, y);
-    // A pair on either side of the pixel was found, so the neighbours exist.
     let half = |a, b| difference(a, b).map(|d| d / 2.0);
     let ray_u = half(map.world_ray(x + 1, y), map.world_ray(x - 1, y));
     let ray_v = half(map.world_ray(x, y + 1), map.world_ray(x, y - 1));
@@ -178,6 +189,12 @@ fn normal(map: &DepthMap, surface: &BitImage, x: i32, y: i32) -> Option<[f32; 3]
     let length = dot(n, n).sqrt();
     let sign = if dot(n, ray) <= 0.0 { 1.0 } else { -1.0 };
     (length > 0.0).then(|| n.map(|x| sign * x / length))
+}
+
+/// The largest integer not above `x`; without a call into the mathematics library.
+fn floor(x: f32) -> i32 {
+    let towards_zero = x as i32;
+    towards_zero - i32::from(towards_zero as f32 > x)
 }
 
 fn difference(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {

@@ -5,12 +5,7 @@ use orime_messages::{SheetState, Targets};
 use orime_runtime::{
     Pace, Publisher, Received, Recorder, Service, Subscription, Work, channel, now_ns,
 };
-use orime_simulate::{SimulateParams, Simulator};
-
-/// Time that the first step advances by, seconds: there is no step before it to tell.
-const FIRST_DT_S: f64 = 1.0 / 30.0;
-/// Least and most time that a step advances by, seconds.
-const DT_S: (f64, f64) = (0.001, 0.1);
+use orime_simulate::{SimulateParams, Simulator, frame_s};
 
 /// The simulate process.
 pub struct Simulate {
@@ -30,7 +25,8 @@ impl Simulate {
         let config = service.config("simulate", SimulateParams::check)?;
         let params: SheetParams = service.section("sheet")?;
         let sheet = service.config("sheet", SheetParams::check)?;
-        let rest_m = crate::template::load(&params, &sheet)?;
+        anyhow::ensure!(params.template.is_none(), "sheet.template cannot be read yet");
+        let rest_m: Option<Vec<[f32; 3]>> = None;
         let density = params.density_kg_per_m2;
         let simulate = Self {
             simulator: Simulator::new(&config, &sheet, density, rest_m.as_deref()),
@@ -70,7 +66,7 @@ impl Simulate {
 
     /// Publishes the state after one set of targets; `false` if asked to stop while waiting.
     fn publish_state(&mut self, targets: &Received<Targets>) -> anyhow::Result<bool> {
-        let dt_s = dt_s(self.exposure_before_ns, targets.header.exposure_ns);
+        let dt_s = frame_s(self.exposure_before_ns, targets.header.exposure_ns);
         self.exposure_before_ns = Some(targets.header.exposure_ns);
         let reset = targets.figures.reset != 0;
         self.has_pose |= reset;
@@ -102,13 +98,5 @@ impl Simulate {
         let Some(sent) = sent else { return Ok(false) };
         self.recorder.published(&sent.header, work, self.targets.drops())?;
         Ok(true)
-    }
-}
-
-/// Time to advance by: between the exposures of this step and the one before, within bounds.
-fn dt_s(before_ns: Option<u64>, now_ns: u64) -> f64 {
-    match before_ns {
-        None => FIRST_DT_S,
-        Some(before_ns) => (now_ns.saturating_sub(before_ns) as f64 * 1e-9).clamp(DT_S.0, DT_S.1),
     }
 }

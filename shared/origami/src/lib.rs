@@ -6,10 +6,12 @@
 //! World frame: table at z = 0, z up, metres. A sheet's middle surface lies half a thickness
 //! above whatever carries it.
 
+mod error;
 mod half_fold;
 mod line;
 mod timing;
 
-pub use half_fold::{Facet, FoldError, HalfFold};
+pub use error::FoldError;
+pub use half_fold::{Facet, HalfFold};
 pub use line::FoldLine;
 pub use timing::Timing;

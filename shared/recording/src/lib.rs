@@ -4,9 +4,17 @@
 //! * [`image`]: JPEG and PNG files decoded straight into a frame's buffers;
 //! * [`ply`]: point clouds and meshes as PLY;
 //! * [`obj`] and [`grid`]: meshes as OBJ, and regular quad grids found in them.
+//! * [`template`]: the shape of a sheet that does not start flat.
 
 pub mod folder;
+pub mod grid;
 pub mod image;
+pub mod obj;
+pub mod ply;
+pub mod template;
 
 pub use folder::{FolderLayout, FolderRecording, LayoutError};
+pub use grid::{GridError, QuadGrid};
 pub use image::{ImageError, ImageReader};
+pub use obj::{Obj, ObjError};
+pub use ply::PlyError;

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use orime_geometry::RgbdFrameMut;
-use orime_recording::{FolderRecording, ImageError, ImageReader};
+use orime_recording::{FolderLayout, FolderRecording, ImageError, ImageReader};
 
 const LAYOUT: &str = r#"
 root = "set"
@@ -211,6 +211,20 @@ fn missing_folders_files_and_unknown_keys_are_refused() {
     fs::remove_file(folder.join("layout.toml")).unwrap();
     assert!(open(&folder).err().unwrap().contains("layout.toml"));
     fs::remove_dir_all(folder).unwrap();
+}
+
+/// The format of the shipped layouts, which needs no data.
+#[test]
+fn shipped_layouts_are_understood() {
+    let layouts = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/sets/layouts");
+    for (name, cameras, frames) in
+        [("paper_desk", 1, 16), ("three_cameras", 3, 24), ("cloth_swing", 1, 50)]
+    {
+        let layout = FolderLayout::load(&layouts.join(format!("{name}.toml"))).unwrap();
+        assert_eq!(layout.camera.len(), cameras, "{name}");
+        assert_eq!(layout.frames.list().unwrap().len(), frames, "{name}");
+        assert_eq!(layout.root, Path::new(name));
+    }
 }
 
 /// A real JPEG, where there is one, cut at many places: never silently half grey.

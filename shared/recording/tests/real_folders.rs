@@ -61,28 +61,41 @@ fn three_cameras_share_one_world_and_keep_their_clocks() {
     let skew_ns = recording.exposure_ns(0, 0) - recording.exposure_ns(0, 1);
     assert!((17_540_000..17_560_000).contains(&skew_ns), "{skew_ns}");
 
-    // Every camera sees the table; seen from the others' frame the clouds must overlap: many of
-    // camera 1's points project into camera 0's image near the depth that is measured there.
-    let depths: Vec<Vec<u16>> = (0..3).map(|camera| read(&mut recording, 0, camera).1).collect();
-    let cameras = recording.cameras();
-    for other in [1, 2] {
-        let mut gaps: Vec<f64> = points(&cameras[other], &depths[other])
-            .filter_map(|world| {
-                let seen = cameras[0].world_from_depth().inverse_transform_point(&world);
-                let pixel = cameras[0].depth.project(&seen)?;
-                let (x, y) = (pixel.x.round(), pixel.y.round());
-                let inside = (0.0..640.0).contains(&x) && (0.0..480.0).contains(&y);
-                let raw = inside.then(|| depths[0][y as usize * 640 + x as usize])?;
-                (raw > 0).then(|| (f64::from(raw) * 1e-3 - seen.z).abs())
-            })
-            .filter(|gap| *gap < 0.05)
-            .collect();
-        gaps.sort_by(f64::total_cmp);
-        assert!(gaps.len() > 5000, "camera {other}: {} common points", gaps.len());
-        let median_m = gaps[gaps.len() / 2];
-        // The source's own calibration agrees to 2.7–8 mm on markers.
-        assert!(median_m < 0.012, "camera {other}: {median_m} m");
-    }
+    // Where two cameras see the same surface, its points must agree. Camera 2's calibration, and
+    // (as a test that this test can fail) the same calibration the wrong way round.
+    let depths = [0, 2].map(|camera| read(&mut recording, 5, camera).1);
+    let (reference, other) = (&recording.cameras()[0], recording.cameras()[2].clone());
+    let mut inverted = other.clone();
+    inverted.world_from_color = other.world_from_color.inverse();
+    let gaps = gaps_m(reference, &depths[0], &other, &depths[1]);
+    assert!(gaps.len() > 5000, "{} common points", gaps.len());
+    // The source's own calibration agrees to 2.7–8 mm on markers.
+    let median_m = gaps[gaps.len() / 2];
+    assert!(median_m < 0.005, "{median_m} m");
+    assert!(gaps_m(reference, &depths[0], &inverted, &depths[1]).len() < 500);
+}
+
+/// How far points that `other` measured are from what `reference` measured along its rays,
+/// sorted, metres; only those nearer than 50 mm, as the rest are different surfaces.
+fn gaps_m(
+    reference: &RgbdCamera,
+    reference_depth: &[u16],
+    other: &RgbdCamera,
+    other_depth: &[u16],
+) -> Vec<f64> {
+    let mut gaps: Vec<f64> = points(other, other_depth)
+        .filter_map(|world| {
+            let seen = reference.world_from_depth().inverse_transform_point(&world);
+            let pixel = reference.depth.project(&seen)?;
+            let (x, y) = (pixel.x.round(), pixel.y.round());
+            let inside = (0.0..640.0).contains(&x) && (0.0..480.0).contains(&y);
+            let raw = inside.then(|| reference_depth[y as usize * 640 + x as usize])?;
+            (raw > 0).then(|| (f64::from(raw) * reference.depth_m_per_unit - seen.z).abs())
+        })
+        .filter(|gap| *gap < 0.05)
+        .collect();
+    gaps.sort_by(f64::total_cmp);
+    gaps
 }
 
 #[test]

@@ -11,12 +11,15 @@ use iceoryx2::prelude::{
     FileName, LogLevel, NodeName, SemanticString, ServiceName, SignalHandlingMode, ipc_threadsafe,
     set_log_level,
 };
+use orime_geometry::RgbdCamera;
 use orime_messages::{Header, Message, Stage};
 
 use crate::channel::{Channel, NODES_MAX, Pace};
 use crate::error::RuntimeError;
+use crate::publish::{FramePublisher, Publisher};
 use crate::run::{RunId, make_private_dir};
 use crate::stop::Stop;
+use crate::subscribe::{FrameSubscription, Subscription};
 use crate::{memory, wire::Wire};
 
 /// The flavour of iceoryx2 that we use: ports may be moved between threads.
@@ -87,6 +90,29 @@ impl Link {
             stage: self.identity.stage as u32,
             ..bytemuck::Zeroable::zeroed()
         }
+    }
+
+    /// Subscribes to a channel.
+    pub fn subscribe<M: Message>(
+        &self,
+        channel: &Channel<M>,
+    ) -> Result<Subscription<M>, RuntimeError> {
+        Subscription::new(self, channel, Mode::OpenOrCreate)
+    }
+
+    /// Publishes on a channel.
+    pub fn publish<M: Message>(&self, channel: &Channel<M>) -> Result<Publisher<M>, RuntimeError> {
+        Publisher::new(self, channel)
+    }
+
+    /// Subscribes to the frames.
+    pub fn subscribe_frames(&self) -> Result<FrameSubscription, RuntimeError> {
+        FrameSubscription::new(self)
+    }
+
+    /// Publishes the frames of these cameras.
+    pub fn publish_frames(&self, cameras: &[RgbdCamera]) -> Result<FramePublisher, RuntimeError> {
+        FramePublisher::new(self, cameras)
     }
 
     pub(crate) fn typed<M: Message>(

@@ -4,14 +4,14 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use orime_geometry::RgbdCamera;
-use orime_messages::{FrameMeta, Header, Message, Stage};
+use orime_messages::{Header, Message, Stage};
 use orime_params::Problem;
 use serde::de::DeserializeOwned;
 use tracing_subscriber::EnvFilter;
 
 use crate::channel::{self, Channel};
 use crate::error::RuntimeError;
-use crate::link::{Identity, Link, Mode};
+use crate::link::{Identity, Link};
 use crate::now_ns;
 use crate::publish::{FramePublisher, Publisher};
 use crate::recorder::Recorder;
@@ -110,29 +110,22 @@ impl Service {
         &self,
         channel: &Channel<M>,
     ) -> Result<Subscription<M>, RuntimeError> {
-        Subscription::new(&self.link, channel, Mode::OpenOrCreate)
+        self.link.subscribe(channel)
     }
 
     /// Publishes on a channel.
     pub fn publish<M: Message>(&self, channel: &Channel<M>) -> Result<Publisher<M>, RuntimeError> {
-        Publisher::new(&self.link, channel)
+        self.link.publish(channel)
     }
 
     /// Subscribes to the frames.
-    pub fn subscribe_frames(
-        &self,
-        _: &Channel<FrameMeta>,
-    ) -> Result<FrameSubscription, RuntimeError> {
-        FrameSubscription::new(&self.link)
+    pub fn subscribe_frames(&self) -> Result<FrameSubscription, RuntimeError> {
+        self.link.subscribe_frames()
     }
 
     /// Publishes the frames of these cameras.
-    pub fn publish_frames(
-        &self,
-        _: &Channel<FrameMeta>,
-        cameras: &[RgbdCamera],
-    ) -> Result<FramePublisher, RuntimeError> {
-        FramePublisher::new(&self.link, cameras)
+    pub fn publish_frames(&self, cameras: &[RgbdCamera]) -> Result<FramePublisher, RuntimeError> {
+        self.link.publish_frames(cameras)
     }
 
     /// Publishes this stage's records.

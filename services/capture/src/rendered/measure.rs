@@ -35,7 +35,7 @@ pub(super) fn quantise(row: &[f32], noise: &Noise<'_>, raw: &mut [u16]) {
     for ((out, z), unit_noise) in raw.iter_mut().zip(row).zip(noise.values) {
         let z2 = z * z;
         let sigma = (floor + growth * z2 * z2).sqrt();
-        let measured = (z + sigma * noise.sign * unit_noise).max(0.0).min(RAW_MAX);
+        let measured = (z + sigma * noise.sign * unit_noise).clamp(0.0, RAW_MAX);
         // Adding 2²³ leaves the rounded integer in the mantissa's low bits: no conversion that
         // would keep the loop from being vectorised.
         let rounded = (measured + 8_388_608.0).to_bits() as u16;

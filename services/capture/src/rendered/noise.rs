@@ -68,7 +68,7 @@ impl NoiseTile {
     pub fn at(&self, random: u64) -> Grain<'_> {
         let offset =
             [random as u32 as usize % self.width, (random >> 32) as u32 as usize % self.height];
-        let sign = if random.count_ones() % 2 == 0 { 1.0 } else { -1.0 };
+        let sign = if random.count_ones().is_multiple_of(2) { 1.0 } else { -1.0 };
         Grain { tile: self, offset, sign }
     }
 

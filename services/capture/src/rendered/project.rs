@@ -107,10 +107,10 @@ impl Projected {
         let area: f64 = (0..corners.len())
             .map(|k| corners[k][0] * next(k)[1] - next(k)[0] * corners[k][1])
             .sum();
-        if !(area.abs() > 1e-6) {
+        if area.is_nan() || area.abs() <= 1e-6 {
             return None;
         }
-        for k in 0..self.count {
+        for (k, edge) in self.edges[..self.count].iter_mut().enumerate() {
             let ([x, y], [next_x, next_y]) = (corners[k], next(k));
             let normal = Vector3::new(y - next_y, next_x - x, 0.0) * area.signum();
             let length = normal.norm();
@@ -118,7 +118,7 @@ impl Projected {
             let [a, b] =
                 if length > 1e-9 { [normal.x / length, normal.y / length] } else { [0.0; 2] };
             let c = if length > 1e-9 { -a * x - b * y } else { 1.0 };
-            self.edges[k] = Edge { a, b, c };
+            *edge = Edge { a, b, c };
         }
         Some(())
     }

@@ -1,0 +1,54 @@
+//! The commands of `orime-evaluate`.
+
+mod cpd;
+mod output;
+mod set;
+mod track;
+mod watch;
+
+use clap::{Parser, Subcommand};
+use orime_runtime::SetError;
+use std::process::ExitCode;
+
+/// Scores, pictures and comparisons of a tracked sheet.
+///
+/// Exit codes: 0 done, 1 failed, 2 wrong usage or set file.
+#[derive(Debug, Parser)]
+#[command(name = "orime-evaluate", version, after_help = EXAMPLES)]
+pub struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  orime-evaluate track deploy/sets/half_fold.toml --json out.json --pictures out/
+  orime-evaluate cpd --source model.csv --target cloud.csv --out moved.csv --beta 2 --lambda 2
+
+What each figure means stands beside its name in services/evaluate/src/summary.rs, and how it is
+computed in services/evaluate/src/scores.rs, with hand-computed tests.";
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Run the stages of a set in this process, in lockstep, and score every step.
+    Track(track::TrackArguments),
+    /// Score a running service set from outside (started by `orime up`).
+    Watch(watch::WatchArguments),
+    /// Register two point files by textbook Coherent Point Drift.
+    Cpd(cpd::CpdArguments),
+}
+
+/// Runs one command.
+pub fn run(arguments: Arguments) -> anyhow::Result<()> {
+    match arguments.command {
+        Command::Track(arguments) => track::run(&arguments),
+        Command::Watch(arguments) => watch::run(&arguments),
+        Command::Cpd(arguments) => cpd::run(&arguments),
+    }
+}
+
+/// 2 for a set file that is wrong, 1 for everything else.
+pub fn exit_code(error: &anyhow::Error) -> ExitCode {
+    let is_set = error.chain().any(|cause| cause.downcast_ref::<SetError>().is_some());
+    ExitCode::from(if is_set { 2 } else { 1 })
+}

@@ -1,0 +1,37 @@
+//! From a set file to the stages' configurations.
+
+use anyhow::Context;
+use orime_capture::{CaptureParams, FrameSource};
+use orime_evaluate::pipeline::PipelineConfig;
+use orime_geometry::SheetParams;
+use orime_messages::{EDGELS_MAX, POINTS_MAX};
+use orime_register::RegisterParams;
+use orime_runtime::SetFile;
+use orime_segment::SegmentParams;
+use orime_simulate::SimulateParams;
+use std::path::Path;
+
+/// The source and the configurations of a set file.
+pub fn load(path: &Path) -> anyhow::Result<(Box<dyn FrameSource>, PipelineConfig)> {
+    let set = SetFile::load(path)?;
+    let config = pipeline(&set)?;
+    let capture = set.checked("capture", CaptureParams::check)?;
+    let source = orime_capture::open(&capture, &config.sheet)
+        .with_context(|| format!("opening the source of `{}`", path.display()))?;
+    Ok((source, config))
+}
+
+/// The stages' configurations.
+pub fn pipeline(set: &SetFile) -> anyhow::Result<PipelineConfig> {
+    let params: SheetParams = set.section("sheet")?;
+    let sheet = set.checked("sheet", SheetParams::check)?;
+    Ok(PipelineConfig {
+        density_kg_per_m2: params.density_kg_per_m2,
+        template_m: orime_recording::template::load(&params, &sheet)?,
+        segment: set.checked("segment", SegmentParams::check)?,
+        register: set.checked("register", RegisterParams::check)?,
+        simulate: set.checked("simulate", SimulateParams::check)?,
+        capacity: [POINTS_MAX, EDGELS_MAX],
+        sheet,
+    })
+}

@@ -1,0 +1,226 @@
+//! `orime-evaluate watch`: the judge beside a running set.
+
+use anyhow::Context;
+use orime_evaluate::judge::{Judge, StepInput};
+use orime_evaluate::picture::PanelInput;
+use orime_evaluate::summary::StageMs;
+use orime_geometry::RgbdCamera;
+use orime_messages::{ObservedCloud, RecordKind, SheetState, Stage, StageRecord, Truth};
+use orime_runtime::{
+    FrameSubscription, Pace, Received, ReceivedFrame, Service, SetFile, Subscription, channel,
+};
+use std::collections::VecDeque;
+use std::io::Write;
+use std::path::PathBuf;
+
+use super::output::{self, Pictures};
+
+/// Score a running service set from outside (started by `orime up`).
+///
+/// Prints one JSON line per step, and writes summary.json, steps.csv and pictures at the end.
+#[derive(Debug, clap::Args)]
+pub struct WatchArguments {
+    /// The set file.
+    set: PathBuf,
+    /// Folder for summary.json, steps.csv and pictures/.
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// A picture every N steps; 0 makes about sixteen of a recording, 100 apart if endless.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pictures_every: u64,
+}
+
+/// Images that are kept for pictures until their state arrives.
+const IMAGES_MAX: usize = 64;
+
+struct Watch {
+    judge: Judge,
+    pace: Pace,
+    states: Subscription<SheetState>,
+    clouds: Subscription<ObservedCloud>,
+    truths: Subscription<Truth>,
+    frames: FrameSubscription,
+    records: Subscription<StageRecord>,
+    pictures: Pictures,
+    cameras: Vec<Option<RgbdCamera>>,
+    /// Step and colour image of the pictured camera.
+    images: VecDeque<(u64, Vec<u8>)>,
+    cloud: Option<Received<ObservedCloud>>,
+    truth: Option<Received<Truth>>,
+    frame: Option<ReceivedFrame>,
+}
+
+/// Runs the command.
+pub fn run(arguments: &WatchArguments) -> anyhow::Result<()> {
+    let service = Service::start_with(Stage::Judge, &arguments.set)?;
+    let mut watch = Watch::open(&service, arguments)?;
+    service.ready()?;
+    while let Some(state) = watch.next_state()? {
+        if state.header.is_end() {
+            break;
+        }
+        watch.score(&state)?;
+        watch.take_times()?;
+    }
+    watch.take_times()?;
+    let name = arguments.set.display().to_string();
+    output::write_json(&arguments.out.join("summary.json"), &name, &watch.judge)?;
+    output::write_csv(&arguments.out.join("steps.csv"), watch.judge.steps())?;
+    eprintln!("{}", output::table(&name, &watch.judge.summary()));
+    Ok(())
+}
+
+impl Watch {
+    fn open(service: &Service, arguments: &WatchArguments) -> anyhow::Result<Self> {
+        let set: &SetFile = service.set();
+        let config = super::set::pipeline(set)?;
+        let capture = set.checked("capture", orime_capture::CaptureParams::check)?;
+        // The recording is opened only to learn how long it is.
+        let steps = orime_capture::open(&capture, &config.sheet)?.steps();
+        let folder = arguments.out.join("pictures");
+        let pictures = Pictures::new(&folder, arguments.pictures_every, steps.unwrap_or(1600), 0)?;
+        Ok(Self {
+            judge: Judge::new(&config.sheet, config.template_m.as_deref()),
+            pace: set.pace,
+            states: service.subscribe(&channel::STATE)?,
+            clouds: service.subscribe(&channel::CLOUD)?,
+            truths: service.subscribe(&channel::TRUTH)?,
+            frames: service.subscribe_frames()?,
+            records: service.subscribe(&channel::RECORD)?,
+            pictures,
+            cameras: Vec::new(),
+            images: VecDeque::new(),
+            cloud: None,
+            truth: None,
+            frame: None,
+        })
+    }
+
+    fn next_state(&mut self) -> anyhow::Result<Option<Received<SheetState>>> {
+        Ok(match self.pace {
+            Pace::Lockstep => self.states.next()?,
+            Pace::Realtime => self.states.newest()?,
+        })
+    }
+
+    /// Takes what belongs to `step` or before; what is newer waits.
+    fn catch_up(&mut self, step: u64) -> anyhow::Result<()> {
+        while self.cloud.as_ref().is_none_or(|c| c.header.step < step && !c.header.is_end()) {
+            let Some(cloud) = self.clouds.try_next()? else { break };
+            self.cloud = Some(cloud);
+        }
+        while self.truth.as_ref().is_none_or(|t| t.header.step < step && !t.header.is_end()) {
+            let Some(truth) = self.truths.try_next()? else { break };
+            self.truth = Some(truth);
+        }
+        loop {
+            if self.frame.is_none() {
+                self.frame = self.frames.try_next()?;
+            }
+            let Some(frame) = self.frame.take_if(|f| f.meta().header.step <= step) else { break };
+            self.take_frame(&frame);
+        }
+        Ok(())
+    }
+
+    /// Learns the camera, and keeps the image if there will be a picture of it.
+    fn take_frame(&mut self, frame: &ReceivedFrame) {
+        let meta = frame.meta();
+        if meta.header.is_end() {
+            return;
+        }
+        let camera = meta.camera as usize;
+        self.cameras.resize(self.cameras.len().max(meta.n_cameras as usize), None);
+        if self.cameras[camera].is_none() {
+            self.cameras[camera] = Some(RgbdCamera::from(&meta.calibration));
+        }
+        if camera == self.pictures.camera && self.pictures.wants(meta.header.step) {
+            if let Some(view) = frame.view() {
+                self.images.push_back((meta.header.step, view.color_rgb.to_vec()));
+            }
+            if self.images.len() > IMAGES_MAX {
+                self.images.pop_front();
+            }
+        }
+    }
+
+    /// Takes what the stages recorded of their work. The last stage's record follows its state, so
+    /// times are added to steps that have been scored.
+    fn take_times(&mut self) -> anyhow::Result<()> {
+        while let Some(record) = self.records.try_next()? {
+            let ms = record.end_ns.saturating_sub(record.start_ns) as f64 * 1e-6;
+            if record.kind() != Some(RecordKind::Published) {
+                continue;
+            }
+            let stage = Stage::from_number(record.header.stage);
+            self.judge.add_times(record.header.step, |times| match stage {
+                Some(Stage::Capture) => times.capture += ms,
+                Some(Stage::Segment) => times.segment += ms,
+                Some(Stage::Register) => times.register += ms,
+                Some(Stage::Simulate) => times.simulate += ms,
+                _ => {}
+            });
+        }
+        Ok(())
+    }
+
+    fn score(&mut self, state: &Received<SheetState>) -> anyhow::Result<()> {
+        let step = state.header.step;
+        self.catch_up(step)?;
+        let cameras: Option<Vec<RgbdCamera>> = self.cameras.iter().cloned().collect();
+        let cameras = cameras.unwrap_or_default();
+        let is_now = |found: u64, is_end: bool| found == step && !is_end;
+        let cloud = self.cloud.as_deref().filter(|c| is_now(c.header.step, c.header.is_end()));
+        let truth = self.truth.as_deref().filter(|t| is_now(t.header.step, t.header.is_end()));
+        let points = cloud.map_or(&[][..], ObservedCloud::points);
+        let edgels = cloud.map_or(&[][..], ObservedCloud::edgels);
+        let nodes_m = if state.has_pose != 0 { state.positions_m() } else { &[] };
+        let sheet = self.judge.sheet().clone();
+        let score = self.judge.score(&StepInput {
+            step,
+            tracking: tracking_name(state.figures.tracking),
+            reset: state.figures.reset != 0,
+            nodes_m,
+            cloud: points,
+            edgels,
+            cameras: &cameras,
+            truth_m: truth.map(Truth::positions_m).filter(|t| !t.is_empty()),
+            // The stages' records bring the times, see `take_times`.
+            ms: StageMs::default(),
+        });
+        let line = serde_json::json!({
+            "step": step,
+            "tracking": score.tracking,
+            "e_mm": score.e_mm,
+            "vertex_error_mm": score.vertex_error_mm_mean,
+        });
+        let mut out = std::io::stdout().lock();
+        writeln!(out, "{line}").and_then(|()| out.flush()).context("writing a line per step")?;
+        drop(out);
+        let pictured = self.pictures.camera;
+        if self.pictures.wants(step) && pictured < cameras.len() {
+            let image = self.images.iter().find(|(found, _)| *found == step);
+            self.pictures.write(&PanelInput {
+                score,
+                sheet: &sheet,
+                nodes_m,
+                cloud: points,
+                edgels,
+                camera: &cameras[pictured],
+                camera_index: pictured,
+                color_rgb: image.map(|(_, rgb)| rgb.as_slice()),
+            })?;
+        }
+        self.images.retain(|(found, _)| *found > step);
+        Ok(())
+    }
+}
+
+fn tracking_name(tracking: u32) -> &'static str {
+    match tracking {
+        1 => "tracking",
+        2 => "coasting",
+        3 => "lost",
+        _ => "searching",
+    }
+}

@@ -2,7 +2,7 @@
 
 use orime_capture::FrameSource;
 use orime_geometry::{Edgel, ObservedPoint, RgbdCamera, RgbdFrame, RgbdFrameMut, SheetGrid};
-use orime_register::{RegisterConfig, RegisterReport, Registrar, Tracking};
+use orime_register::{Observation, RegisterConfig, RegisterReport, Registrar, Tracking};
 use orime_segment::{ObservedMut, SegmentConfig, SegmentReport, Segmenter};
 use orime_simulate::{SimulateConfig, Simulator};
 use std::time::Instant;
@@ -156,12 +156,12 @@ impl Pipeline {
 
     fn register(&mut self) -> RegisterReport {
         let state = self.has_pose.then(|| self.simulator.positions_m());
-        self.registrar.register(
-            &self.points[..self.report.points],
-            state,
-            &mut self.targets_m,
-            &mut self.confidence,
-        )
+        let observed = Observation {
+            cloud: &self.points[..self.report.points],
+            edgels: &self.edgels[..self.report.edgels],
+            cameras: &self.cameras,
+        };
+        self.registrar.register(&observed, state, &mut self.targets_m, &mut self.confidence)
     }
 
     fn simulate(&mut self, step: u64, register: &RegisterReport) {

@@ -11,6 +11,7 @@ mod expectation;
 mod first_pose;
 mod isometry;
 mod mixture;
+mod outline;
 mod params;
 mod registrar;
 mod score;
@@ -18,5 +19,5 @@ pub mod textbook;
 mod track;
 
 pub use params::{RegisterConfig, RegisterParams};
-pub use registrar::{RegisterReport, Registrar, Tracking};
+pub use registrar::{Observation, RegisterReport, Registrar, Tracking};
 pub use track::{Termination, TrackReport};

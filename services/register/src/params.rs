@@ -40,14 +40,20 @@ pub struct RegisterParams {
     /// Sweeps of the isometry projection in every iteration; 0 lets the model stretch.
     /// Default 10.
     pub isometry_sweeps: u32,
+    /// How strongly the sheet is straightened between creases, 0 to 1: paper resists bending,
+    /// cloth (0) hardly does. Default 0.5.
+    pub flatness: f64,
     /// Share of the last step's motion that the prediction continues. Default 0.8.
     pub momentum: f64,
     /// Most points used of a cloud; more are thinned evenly. Default 4000.
     pub points_max: usize,
     /// Fewest points that can constrain the pose. Default 60.
     pub points_min: usize,
+    /// Weight of the sheet's contour in the colour images, 0 to 4; 0 leaves it out, 1 takes a
+    /// contour's error for one pixel. Default 1.
+    pub outline_weight: f64,
     /// Give every node a target instead of the control points (every other node) alone.
-    /// Default false, as in the paper.
+    /// Default true; false is the paper.
     pub targets_everywhere: bool,
     /// A pose explains the cloud while at least this share of the points lies on it. Below, a
     /// fresh pose is tried. Default 0.85.
@@ -68,10 +74,12 @@ impl Default for RegisterParams {
             virtual_per_cell: 2,
             modes_max: 60,
             isometry_sweeps: 10,
+            flatness: 0.5,
             momentum: 0.8,
             points_max: 4000,
             points_min: 60,
-            targets_everywhere: false,
+            outline_weight: 1.0,
+            targets_everywhere: true,
             explained_min: 0.85,
         }
     }
@@ -92,9 +100,11 @@ impl RegisterParams {
             virtual_per_cell,
             modes_max,
             isometry_sweeps,
+            flatness,
             momentum,
             points_max,
             points_min,
+            outline_weight,
             targets_everywhere: _,
             explained_min,
         } = self;
@@ -115,9 +125,11 @@ impl RegisterParams {
         within("virtual_per_cell", *virtual_per_cell as f64, 1.0, 6.0);
         within("modes_max", *modes_max as f64, 3.0, 400.0);
         within("isometry_sweeps", f64::from(*isometry_sweeps), 0.0, 200.0);
+        within("flatness", *flatness, 0.0, 1.0);
         within("momentum", *momentum, 0.0, 1.0);
         within("points_max", *points_max as f64, 100.0, 1e6);
         within("points_min", *points_min as f64, 3.0, *points_max as f64);
+        within("outline_weight", *outline_weight, 0.0, 4.0);
         within("explained_min", *explained_min, 0.0, 1.0);
         checker.finish(|| RegisterConfig { params: self.clone() })
     }

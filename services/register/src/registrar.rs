@@ -5,7 +5,7 @@ use crate::mixture::Cloud;
 use crate::params::{RegisterConfig, RegisterParams};
 use crate::score::Score;
 use crate::track::{TrackReport, Tracker};
-use orime_geometry::{ObservedPoint, SheetGrid};
+use orime_geometry::{Edgel, ObservedPoint, RgbdCamera, SheetGrid};
 
 /// Whether the sheet is being followed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -20,6 +20,17 @@ pub enum Tracking {
     Coasting = 2,
     /// The pose does not explain what is seen, and no other was found.
     Lost = 3,
+}
+
+/// What the cameras saw of the sheet in one step.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Observation<'a> {
+    /// Surface points of all cameras, world frame.
+    pub cloud: &'a [ObservedPoint],
+    /// Contour elements of all cameras.
+    pub edgels: &'a [Edgel],
+    /// The cameras that `edgels` were seen by; without them the contour is not used.
+    pub cameras: &'a [RgbdCamera],
 }
 
 /// What registering one step gave.
@@ -55,7 +66,12 @@ pub struct Registrar {
     /// The simulator's state one step before its newest, for the prediction.
     before_m: Option<Vec<[f32; 3]>>,
     has_pose: bool,
+    /// Share of the contour that the border has lately explained.
+    outlined_usual: f64,
 }
+
+/// A drop of that share by more than this within a step is a jump, not a fold.
+const OUTLINE_DROP: f64 = 0.2;
 
 impl Registrar {
     /// A registrar that has no pose yet. `template_m`: node positions to start from, where the
@@ -78,6 +94,7 @@ impl Registrar {
             nodes_m: flat,
             before_m: None,
             has_pose: false,
+            outlined_usual: 0.0,
         }
     }
 
@@ -86,18 +103,18 @@ impl Registrar {
         self.has_pose = true;
     }
 
-    /// Registers one cloud. `predicted_m` is the simulator's newest state (`None` before the
+    /// Registers one observation. `predicted_m` is the simulator's newest state (`None` before the
     /// first pose); `targets_m` and `confidence` (one per node of the sheet) are written:
     /// confidence 0 means that the node has no target.
     pub fn register(
         &mut self,
-        cloud: &[ObservedPoint],
+        observed: &Observation<'_>,
         predicted_m: Option<&[[f32; 3]]>,
         targets_m: &mut [[f32; 3]],
         confidence: &mut [f32],
     ) -> RegisterReport {
         let mut report =
-            RegisterReport { points_rejected: self.accept(cloud), ..Default::default() };
+            RegisterReport { points_rejected: self.accept(observed.cloud), ..Default::default() };
         confidence.fill(0.0);
         if self.points.len() < self.params.points_min {
             self.before_m = None; // A pause breaks the motion that would be continued.
@@ -106,6 +123,7 @@ impl Registrar {
         }
         let points = self.points.iter().map(|p| p.position_m);
         self.cloud.fill(points, self.tracker.cell_m());
+        self.tracker.outline.fill(observed.edgels, observed.cameras);
         let known = predicted_m.filter(|x| self.has_pose && x.len() == self.sheet.len());
         let mut tracked = None;
         if let Some(state) = known {
@@ -114,7 +132,9 @@ impl Registrar {
             tracked = Some((fit, self.score()));
         }
         let explained_min = self.params.explained_min;
-        let explains = |score: &Score| score.explained >= explained_min;
+        let outlined_min = self.outlined_usual - OUTLINE_DROP;
+        let explains =
+            |score: &Score| score.explained >= explained_min && score.outlined >= outlined_min;
         if !tracked.as_ref().is_some_and(|(_, score)| explains(score)) {
             self.try_fresh_pose(known, &mut tracked, &mut report);
         }
@@ -123,6 +143,8 @@ impl Registrar {
             return report;
         };
         self.has_pose = true;
+        let keep = if report.reset { 0.0 } else { 0.8 };
+        self.outlined_usual = keep * self.outlined_usual + (1.0 - keep) * score.outlined;
         report.iterations = fit.iterations;
         report.sigma_m = fit.sigma_m;
         report.inlier_ratio = fit.inlier_ratio;
@@ -167,7 +189,8 @@ impl Registrar {
     fn score(&mut self) -> Score {
         self.tracker.mixture.place(&self.nodes_m);
         let (cell_m, side_m) = (self.tracker.cell_m(), self.tracker.side_m);
-        Score::of(&mut self.tracker.mixture, &self.cloud, cell_m, side_m)
+        let Tracker { mixture, outline, .. } = &mut self.tracker;
+        Score::of(mixture, outline, &self.cloud, cell_m, side_m)
     }
 
     /// Looks for a pose in the cloud alone and takes it if it explains clearly more.

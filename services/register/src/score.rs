@@ -1,25 +1,38 @@
 //! Does a pose explain what is seen?
 
 use crate::mixture::{Cloud, Mixture};
+use crate::outline::Outline;
 
-/// How well a pose and a cloud agree.
+/// How well a pose and an observation agree.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Score {
     /// Share of the points that lie on the sheet.
     pub explained: f64,
     /// Share of the sheet on which points lie.
     pub supported: f64,
+    /// Share of the seen contour that lies on the sheet's border; 0 where none is seen.
+    pub outlined: f64,
 }
 
+/// "On" the sheet is within this share of its side.
+const ON_SHEET: f32 = 0.04;
+
 impl Score {
-    /// Judges the pose that `mixture` is placed at; "on" is within 5 % of the sheet's side.
-    pub fn of(mixture: &mut Mixture, cloud: &Cloud, cell_m: f32, side_m: f32) -> Self {
-        let (explained, supported) = mixture.coverage(cloud, cell_m, 0.05 * side_m);
-        Self { explained, supported }
+    /// Judges the pose that `mixture` is placed at.
+    pub fn of(
+        mixture: &mut Mixture,
+        outline: &Outline,
+        cloud: &Cloud,
+        cell_m: f32,
+        side_m: f32,
+    ) -> Self {
+        let (explained, supported) = mixture.coverage(cloud, cell_m, ON_SHEET * side_m);
+        let outlined = outline.explained(&mixture.positions_m).unwrap_or(0.0);
+        Self { explained, supported, outlined }
     }
 
     /// Larger is better. A sheet can be half hidden, but what is seen must be explained.
     pub fn value(&self) -> f64 {
-        self.explained + 0.5 * self.supported
+        self.explained + 0.5 * self.supported + 0.5 * self.outlined
     }
 }

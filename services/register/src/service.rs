@@ -1,8 +1,8 @@
 //! register as a process: waits for the state that its prediction needs, publishes targets.
 
-use orime_geometry::SheetParams;
+use orime_geometry::{RgbdCamera, SheetParams};
 use orime_messages::{Drops, ObservedCloud, RegisterFigures, SheetState, Targets};
-use orime_register::{RegisterParams, RegisterReport, Registrar};
+use orime_register::{Observation, RegisterParams, RegisterReport, Registrar};
 use orime_runtime::{
     Pace, Publisher, Received, Recorder, Service, Subscription, Work, channel, now_ns,
 };
@@ -18,6 +18,8 @@ pub struct Register {
     recorder: Recorder,
     /// The newest state; in lockstep that of the step before.
     state: Option<Received<SheetState>>,
+    /// The cameras, once a cloud has told them.
+    cameras: Vec<RgbdCamera>,
 }
 
 impl Register {
@@ -26,8 +28,7 @@ impl Register {
         let config = service.config("register", RegisterParams::check)?;
         let params: SheetParams = service.section("sheet")?;
         let sheet = service.config("sheet", SheetParams::check)?;
-        anyhow::ensure!(params.template.is_none(), "sheet.template cannot be read yet");
-        let template_m: Option<Vec<[f32; 3]>> = None;
+        let template_m = orime_recording::template::load(&params, &sheet)?;
         let register = Self {
             registrar: Registrar::new(&config, &sheet, template_m),
             n_nodes: sheet.len(),
@@ -37,6 +38,7 @@ impl Register {
             targets: service.publish(&channel::TARGETS)?,
             recorder: service.recorder()?,
             state: None,
+            cameras: Vec::new(),
         };
         service.ready()?;
         Ok(register)
@@ -84,6 +86,11 @@ impl Register {
 
     /// Publishes the targets for one cloud; `false` if asked to stop while waiting.
     fn publish_targets(&mut self, cloud: &Received<ObservedCloud>) -> anyhow::Result<bool> {
+        if self.cameras.len() != cloud.cameras().len() {
+            self.cameras = cloud.cameras().iter().map(RgbdCamera::from).collect();
+        }
+        let observed =
+            Observation { cloud: cloud.points(), edgels: cloud.edgels(), cameras: &self.cameras };
         let registrar = &mut self.registrar;
         let predicted_m = self
             .state
@@ -104,7 +111,7 @@ impl Register {
             targets.targets_m[..n_nodes].fill([0.0; 3]);
             targets.confidence[..n_nodes].fill(0.0);
             let report = registrar.register(
-                cloud.points(),
+                &observed,
                 predicted_m,
                 &mut targets.targets_m[..n_nodes],
                 &mut targets.confidence[..n_nodes],

@@ -17,6 +17,7 @@
 use crate::basis::{Basis, Corner, corners};
 use crate::isometry::Isometry;
 use crate::mixture::{Cloud, Mixture, bounds};
+use crate::outline::Outline;
 use crate::params::RegisterParams;
 use nalgebra::{DMatrix, DVector};
 use orime_geometry::SheetGrid;
@@ -59,6 +60,8 @@ pub(crate) struct Tracker {
     node_corners: Vec<Corner>,
     mixture_corners: Vec<Corner>,
     pub mixture: Mixture,
+    /// The contour of the frame set to be tracked; filled by the caller.
+    pub outline: Outline,
     isometry: Isometry,
     /// σ that the next frame starts from, before its bounds, metres.
     sigma_next_m: f32,
@@ -81,7 +84,8 @@ impl Tracker {
             node_corners: corners(basis.controls, sheet.nodes),
             mixture_corners: corners(basis.controls, fine),
             mixture: Mixture::new(sheet, params.virtual_per_cell),
-            isometry: Isometry::new(sheet, rest_m),
+            outline: Outline::new(sheet, params.virtual_per_cell),
+            isometry: Isometry::new(sheet, rest_m, params.flatness),
             sigma_next_m: 0.0,
             outlier_weight: params.outlier_weight,
             start: Vec::new(),
@@ -125,6 +129,7 @@ impl Tracker {
             report.iterations += 1;
             report.inlier_ratio = (expected.mass / cloud.points_m.len() as f64) as f32;
             self.gather();
+            self.gather_outline(report.iterations - 1, f64::from(sigma).powi(2));
             let Some(modes) = self.solve(lambda * f64::from(sigma).powi(2)) else { break };
             let largest = self.apply(&modes, &predicted, nodes_m);
             sigma = self.sigma_after(nodes_m, expected.squared_m2, expected.mass).max(floor);
@@ -158,27 +163,46 @@ impl Tracker {
     fn gather(&mut self) {
         self.stencil.fill([0.0; 9]);
         self.force.fill([0.0; 3]);
-        let stride = self.basis.controls[1];
-        // Place of corner `b` in the nine neighbours of corner `a`; row major, own place 4.
-        const PLACE: [[usize; 4]; 4] = [[4, 5, 7, 8], [3, 4, 6, 7], [1, 2, 4, 5], [0, 1, 3, 4]];
-        for (m, corner) in self.mixture_corners.iter().enumerate() {
+        for m in 0..self.mixture_corners.len() {
             let mass = self.mixture.mass[m];
             if mass == 0.0 {
                 continue;
             }
-            let (now, start) = (self.mixture.positions_m[m], self.start[m]);
             let pull = self.mixture.pull_m[m];
-            let force = [0, 1, 2]
-                .map(|axis| pull[axis] + mass * (f64::from(now[axis]) - f64::from(start[axis])));
-            for (a, control) in corner.indices(stride).into_iter().enumerate() {
-                let weight = f64::from(corner.weights[a]);
-                for axis in 0..3 {
-                    self.force[control][axis] += weight * force[axis];
-                }
-                for b in 0..4 {
-                    let both = weight * f64::from(corner.weights[b]) * mass;
-                    self.stencil[control][PLACE[a][b]] += both;
-                }
+            self.add_row(m, mass, pull);
+        }
+    }
+
+    /// Adds the contour's rows to what [`Self::gather`] collected. They are not tempered: edgels
+    /// err less together than depth pixels do.
+    fn gather_outline(&mut self, iteration: u32, variance_m2: f64) {
+        if self.outline.is_empty() {
+            return;
+        }
+        self.outline.matched(&self.mixture.positions_m, iteration, variance_m2);
+        for k in 0..self.outline.rows.len() {
+            let row = self.outline.rows[k];
+            let weight = row.weight * self.params.outline_weight / self.params.temper;
+            self.add_row(row.component, weight, row.offset_m.map(|offset| offset * weight));
+        }
+    }
+
+    /// One component with a weight and Σ weight·(target − where it is now).
+    fn add_row(&mut self, m: usize, mass: f64, pull: [f64; 3]) {
+        // Place of corner `b` in the nine neighbours of corner `a`; row major, own place 4.
+        const PLACE: [[usize; 4]; 4] = [[4, 5, 7, 8], [3, 4, 6, 7], [1, 2, 4, 5], [0, 1, 3, 4]];
+        let (corner, stride) = (&self.mixture_corners[m], self.basis.controls[1]);
+        let (now, start) = (self.mixture.positions_m[m], self.start[m]);
+        let force = [0, 1, 2]
+            .map(|axis| pull[axis] + mass * (f64::from(now[axis]) - f64::from(start[axis])));
+        for (a, control) in corner.indices(stride).into_iter().enumerate() {
+            let weight = f64::from(corner.weights[a]);
+            for axis in 0..3 {
+                self.force[control][axis] += weight * force[axis];
+            }
+            for b in 0..4 {
+                let both = weight * f64::from(corner.weights[b]) * mass;
+                self.stencil[control][PLACE[a][b]] += both;
             }
         }
     }

@@ -11,7 +11,7 @@ use crate::inner_edge;
 use crate::learn::{Learner, Proposal};
 use crate::occluders::Occluders;
 use crate::params::SegmentParams;
-use crate::select::{Selector, SheetSize};
+use crate::select::{Evidence, Selector, SheetSize};
 use crate::steps::Steps;
 use crate::voxels::Voxels;
 
@@ -21,9 +21,10 @@ const REGION_PX: usize = 16;
 /// Least share of a piece of the mask whose depth must have been accepted.
 const SUPPORT_MIN: f32 = 0.3;
 
-/// Farthest that the mask reaches from accepted depth, pixels: the widest gap that the shadow of
-/// an edge leaves in a depth image.
-const UNSUPPORTED_PX_MAX: usize = 8;
+/// Parts of the mask that are farther than `SUPPORT_PX` from accepted depth, and wider than
+/// twice `UNSUPPORTED_PX`, are dropped; the shadows that edges leave in depth are narrower.
+const SUPPORT_PX: usize = 4;
+const UNSUPPORTED_PX: usize = 5;
 
 /// Smallest part of the sheet that something in front cuts off, as a share of its area.
 const PIECE_SHARE_MIN: f64 = 0.003;
@@ -53,6 +54,8 @@ pub(crate) struct CameraSegmenter {
     learner: Learner,
     /// Frames since the sheet was seen.
     missed: u32,
+    /// How many times the smallest area is needed to learn a colour.
+    learn_factor: f32,
     map: DepthMap,
     steps: Steps,
     selector: Selector,
@@ -124,6 +127,7 @@ impl CameraSegmenter {
             table: None,
             learner: Learner::new(width, height, params.seed),
             missed: 0,
+            learn_factor: (params.learn_area_ratio_min / params.area_ratio_min) as f32,
             steps: Steps::new(&map, params),
             selector: Selector::new(map.width, map.height),
             occluders: Occluders::new(map.width, map.height),
@@ -132,7 +136,7 @@ impl CameraSegmenter {
             color: ColorImages::new(width, height),
             depth: DepthImages::new(map.width, map.height),
             points: Vec::with_capacity(cells_max),
-            voxels: Voxels::new(params.voxel_m as f32, index as u32, cells_max),
+            voxels: Voxels::new(params.voxel_m as f32, index as u32, cells_max, map.width),
             edgels: Vec::with_capacity(outline_px),
             edgels_left_out: 0,
             map,
@@ -182,17 +186,13 @@ impl CameraSegmenter {
 
     /// Finds a colour with which this frame shows the sheet, and the sheet with it.
     fn learn(&mut self, frame: &RgbdFrame<'_>) -> bool {
-        if let Some(hint) = self.params.color_hint_rgb {
-            let hints = [hint, self.params.back_color_hint_rgb.unwrap_or(hint)];
-            let proposal = self.learner.from_hints(frame.color_rgb, &hints);
-            let found = self.find_sheet(frame.color_rgb, &proposal.table).is_some();
-            return found && self.settle(frame, proposal);
-        }
-        let least = self.params.learn_area_ratio_min / self.params.area_ratio_min;
-        let least_m2 = least as f32 * self.size.area_m2_min;
-        for proposal in self.learner.propose(frame.color_rgb) {
-            let area_m2 = self.find_sheet(frame.color_rgb, &proposal.table);
-            if area_m2.is_some_and(|area_m2| area_m2 >= least_m2) && !self.mask_at_border() {
+        let (hint, back) = (self.params.color_hint_rgb, self.params.back_color_hint_rgb);
+        let hints: Vec<[u8; 3]> = hint.into_iter().chain(back).collect();
+        let least = if hint.is_some() { 1.0 } else { self.learn_factor };
+        for proposal in self.learner.propose(frame.color_rgb, &hints) {
+            let found = self.find_sheet(frame.color_rgb, &proposal.table);
+            let large = found.is_some_and(|area_m2| area_m2 >= least * self.size.area_m2_min);
+            if large && (hint.is_some() || !self.mask_at_border()) {
                 return self.settle(frame, proposal);
             }
         }
@@ -243,16 +243,16 @@ impl CameraSegmenter {
         self.map.look_up(&color.eroded, Some(&depth.region), &mut depth.surface);
         self.steps.find(&self.map, &depth.region);
         depth.surface.and_not(&self.steps.edge);
-        let area_m2 = self.selector.select(
-            &self.map,
-            &depth.surface,
-            &self.steps,
-            &self.components,
-            &depth.sheet,
-            &self.size,
-            &mut depth.accepted,
-            &mut depth.refused,
-        )?;
+        let evidence = Evidence {
+            map: &self.map,
+            steps: &self.steps,
+            sheet_colored: &depth.sheet_colored,
+            surface: &depth.surface,
+            colors: &self.components,
+            before: &depth.sheet,
+        };
+        let (accepted, refused) = (&mut depth.accepted, &mut depth.refused);
+        let area_m2 = self.selector.select(&evidence, &self.size, accepted, refused)?;
         self.build_mask();
         Some(area_m2)
     }
@@ -288,17 +288,18 @@ impl CameraSegmenter {
         }
     }
 
-    /// Drops the pieces of the mask of which hardly any depth pixel was accepted: what is left of
-    /// things that were refused, where they have no depth.
+    /// Drops the parts of the mask without accepted depth: what is left of things that were
+    /// refused, or that return no depth.
     fn keep_supported(&mut self) {
         let (color, depth) = (&mut self.color, &mut self.depth);
         color.eroded.clear();
         self.map.splat(&depth.accepted, &mut color.eroded);
         color.around.copy_from(&color.eroded);
-        color.around.dilate(UNSUPPORTED_PX_MAX, &mut color.scratch);
+        color.around.dilate(SUPPORT_PX, &mut color.scratch);
         color.occluded.copy_from(&color.mask);
         color.occluded.and_not(&color.around);
-        color.occluded.dilate(UNSUPPORTED_PX_MAX + 2, &mut color.scratch);
+        color.occluded.erode(UNSUPPORTED_PX, &mut color.scratch);
+        color.occluded.dilate(UNSUPPORTED_PX + SUPPORT_PX, &mut color.scratch);
         color.mask.and_not(&color.occluded);
         color.eroded.dilate(2, &mut color.scratch);
         self.components.find(&color.mask, true);

@@ -21,7 +21,10 @@ const PLATEAU_PX: [f32; 2] = [3.0, 4.0];
 const APART_PX: f32 = 2.0;
 
 /// Largest disagreement of the outer profiles' crossings with a straight edge, pixels.
-const BEND_MAX_PX: f32 = 0.75;
+const BEND_MAX_PX: f32 = 0.35;
+
+/// Largest slope of the edge against the mask's own direction. More happens at corners.
+const SLOPE_MAX: f32 = 0.25;
 
 /// Sheetness must pass from this share to its complement within this distance of the edge.
 const SHARP_SHARE: f32 = 0.8;
@@ -104,12 +107,13 @@ impl Contour<'_> {
             self.crossing_px(at, normal, contrast_min)
         };
         let [before, here, after] = [offset(-1.0)?, offset(0.0)?, offset(1.0)?];
-        if ((before + after) / 2.0 - here).abs() > BEND_MAX_PX {
+        // The edge runs along `tangent + slope normal`; its normal is turned back by as much.
+        let slope = (after - before) / (2.0 * APART_PX);
+        let bend_px = (before + after) / 2.0 - here;
+        if bend_px.abs() > BEND_MAX_PX || slope.abs() > SLOPE_MAX {
             return None;
         }
         let mean = (before + here + after) / 3.0;
-        // The edge runs along `tangent + slope normal`; its normal is turned back by as much.
-        let slope = (after - before) / (2.0 * APART_PX);
         let length = (1.0 + slope * slope).sqrt();
         let normal_out = [0, 1].map(|k| (normal[k] - slope * tangent[k]) / length);
         Some(Edgel {

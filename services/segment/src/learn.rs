@@ -19,7 +19,7 @@ const WINDOW_PX: usize = 4;
 const REGION_SHARE_MIN: f32 = 0.003;
 
 /// Most regions that are tried in one frame.
-const REGIONS_MAX: usize = 4;
+const REGIONS_MAX: usize = 6;
 
 /// Clusters of the border's colours.
 const BORDER_CLUSTERS: usize = 5;
@@ -48,6 +48,9 @@ pub(crate) struct Proposal {
     pub seeds: Vec<Feature>,
 }
 
+/// How far from its hint a sheet's colour may look.
+const HINT_REACH: f32 = 0.25;
+
 /// Finds colours that may be the sheet's; keeps its memory.
 #[derive(Debug)]
 pub(crate) struct Learner {
@@ -72,31 +75,45 @@ impl Learner {
         }
     }
 
-    /// Colours worth trying on this picture, best first.
-    pub fn propose(&mut self, color_rgb: &[u8]) -> Vec<Proposal> {
+    /// Colours worth trying on this picture, best first. `hints` are the known colours of the
+    /// sheet's front and back, if any.
+    pub fn propose(&mut self, color_rgb: &[u8], hints: &[[u8; 3]]) -> Vec<Proposal> {
+        let hints: Vec<Feature> = hints.iter().map(|c| feature(c.map(f32::from))).collect();
         self.find_flat(color_rgb);
         self.components.find(&self.flat, true);
-        // Regions first: they use the samples' memory.
-        let seeds: Vec<Feature> = self
-            .regions()
+        let mut fronts: Vec<Feature> = self
+            .regions(hints.is_empty())
             .into_iter()
             .map(|region| self.median_feature(color_rgb, region))
             .collect();
+        if let Some(front) = hints.first() {
+            // The light decides how the known colour looks: what is flat and near to it is it.
+            let gap = |f: &Feature| distance_squared(f, front);
+            fronts.retain(|f| gap(f) < HINT_REACH * HINT_REACH);
+            fronts.sort_by(|a, b| gap(a).total_cmp(&gap(b)));
+            fronts.push(*front);
+        }
         let around = self.border_clusters(color_rgb);
-        let mut proposals: Vec<Proposal> = seeds
-            .iter()
-            .map(|seed| Proposal { table: two_class(&[*seed], &around), seeds: vec![*seed] })
-            .collect();
-        // The border's samples were last.
-        let like = |a: &Feature| {
-            self.samples.iter().filter(|b| distance_squared(a, b) < PLAIN * PLAIN).count()
+        let propose = |front: &Feature| {
+            let seeds: Vec<Feature> = [front].into_iter().chain(hints.get(1)).copied().collect();
+            Proposal { table: two_class(&seeds, &around), seeds }
         };
-        let plain = around.into_iter().max_by_key(like);
-        if let Some(plain) = plain.filter(|a| like(a) * 10 > self.samples.len() * 9) {
-            let table = ColorTable::unlike(&[plain], PLAIN);
-            proposals.push(Proposal { table, seeds: Vec::new() });
+        let mut proposals: Vec<Proposal> = fronts.iter().map(propose).collect();
+        if hints.is_empty() {
+            proposals.extend(self.unlike_border(&around));
         }
         proposals
+    }
+
+    /// Everything unlike a plain border; the border's samples must be the last taken.
+    fn unlike_border(&self, around: &[Feature]) -> Option<Proposal> {
+        let like = |a: &&Feature| {
+            self.samples.iter().filter(|b| distance_squared(a, b) < PLAIN * PLAIN).count()
+        };
+        let plain = around.iter().max_by_key(like)?;
+        let is_plain = like(&plain) * 10 > self.samples.len() * 9;
+        let table = || ColorTable::unlike(&[*plain], PLAIN);
+        is_plain.then(|| Proposal { table: table(), seeds: Vec::new() })
     }
 
     /// The table of `seeds` against this picture's border and the colours of `ring`, pixels next
@@ -115,13 +132,6 @@ impl Learner {
         }
         around.extend(k_means(&self.samples, RING_CLUSTERS, self.seed));
         two_class(seeds, &around)
-    }
-
-    /// The table of a sheet whose colours are known, in front of this picture's border.
-    pub fn from_hints(&mut self, color_rgb: &[u8], hints: &[[u8; 3]]) -> Proposal {
-        let seeds: Vec<Feature> = hints.iter().map(|c| feature(c.map(f32::from))).collect();
-        let around = self.border_clusters(color_rgb);
-        Proposal { table: two_class(&seeds, &around), seeds }
     }
 
     fn find_flat(&mut self, color_rgb: &[u8]) {
@@ -157,8 +167,8 @@ impl Learner {
         }
     }
 
-    /// Regions without texture that do not reach the border, best first.
-    fn regions(&self) -> Vec<usize> {
+    /// Regions without texture, best first; `inside_only` leaves out those that reach the border.
+    fn regions(&self, inside_only: bool) -> Vec<usize> {
         let (width, height) = (self.flat.width, self.flat.height);
         let list = &self.components.list;
         let least = REGION_SHARE_MIN * (width * height) as f32;
@@ -176,7 +186,7 @@ impl Learner {
                 && end + WINDOW_PX < width;
         }
         let mut regions: Vec<usize> =
-            (0..list.len()).filter(|k| inside[*k] && list[*k].pixels as f32 >= least).collect();
+            (0..list.len()).filter(|k| (inside[*k] || !inside_only) && list[*k].pixels as f32 >= least).collect();
         // The sum of brightness is the area times the mean brightness.
         regions.sort_by(|a, b| brightness[*b].total_cmp(&brightness[*a]).then(a.cmp(b)));
         regions.truncate(REGIONS_MAX);

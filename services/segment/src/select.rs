@@ -2,8 +2,9 @@
 //!
 //! A patch is a component of sheet-coloured depth pixels that no step in depth crosses. The
 //! largest that is not larger than the sheet is its *anchor*. A hand in the mask, over-exposed
-//! or reddish white, is a patch of its own in front of the anchor and is refused; a part of the
-//! sheet that a hand cuts off is a patch *behind* something, and is accepted if in reach.
+//! or reddish white, is a patch in front of others that goes on, without a step, in another
+//! colour; it is refused. (A flap of the sheet ends where its colour does.) A part of the sheet
+//! that a hand cuts off is accepted if nothing but the hand lies between it and the anchor.
 
 use crate::bits::BitImage;
 use crate::components::Components;
@@ -12,6 +13,16 @@ use crate::steps::{DIRECTIONS, SPAN_PX, Steps};
 
 /// Smaller patches are dropped, pixels.
 const PATCH_MIN_PX: u32 = 24;
+
+/// How far beyond the mask's margin a surface is looked for that goes on in another colour, pixels.
+const CONTINUED_PX: usize = 5;
+
+/// Longest stretch between a part and the rest that is neither sheet nor in front of it, pixels:
+/// print is narrower.
+const BETWEEN_PX_MAX: u32 = 12;
+
+/// How far something in front of the sheet is nearer, metres.
+const IN_FRONT_M: f32 = 0.008;
 
 /// Share of a patch's outline from which steps along it count.
 const OUTLINE_SHARE: f32 = 0.12;
@@ -41,6 +52,10 @@ struct Patch {
     far: u32,
     /// Runs: about half the length of the outline.
     runs: u32,
+    /// Pixels beside which the surface goes on in another colour.
+    continued: u32,
+    /// Sums over runs: centre column, row times pixels.
+    moment_px: [f32; 2],
     /// Pixels that were sheet in the frame before.
     before: u32,
     /// Colour component, counted from 1.
@@ -56,7 +71,23 @@ pub(crate) struct Selector {
     order: Vec<u32>,
     near: BitImage,
     far: BitImage,
+    continued: BitImage,
     scratch: BitImage,
+}
+
+/// What the choice is made from.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Evidence<'a> {
+    pub map: &'a DepthMap,
+    pub steps: &'a Steps,
+    /// Depth pixels of the sheet's colour.
+    pub sheet_colored: &'a BitImage,
+    /// Those of them that lie clear of the mask's outline and of steps.
+    pub surface: &'a BitImage,
+    /// Components of the colour mask.
+    pub colors: &'a Components,
+    /// The sheet's depth pixels in the frame before.
+    pub before: &'a BitImage,
 }
 
 impl Selector {
@@ -68,33 +99,27 @@ impl Selector {
             order: Vec::with_capacity(width.div_ceil(2) * height),
             near: image(),
             far: image(),
+            continued: image(),
             scratch: image(),
         }
     }
 
-    /// Splits `surface` (sheet-coloured depth pixels, steps cut out) into what is the sheet,
-    /// into `accepted`, and what is in front of it, into `refused`. Returns the visible area,
-    /// m², or `None` if no patch can be the sheet.
-    ///
-    /// `colors` are the components of the colour mask, `before` the sheet's depth pixels in the
-    /// frame before.
+    /// Splits the evidence's surface into what is the sheet, into `accepted`, and what is not,
+    /// into `refused`. Returns the visible area, m², or `None` if no patch can be the sheet.
     pub fn select(
         &mut self,
-        map: &DepthMap,
-        surface: &BitImage,
-        steps: &Steps,
-        colors: &Components,
-        before: &BitImage,
+        evidence: &Evidence<'_>,
         size: &SheetSize,
         accepted: &mut BitImage,
         refused: &mut BitImage,
     ) -> Option<f32> {
         accepted.clear();
         refused.clear();
-        self.components.find(surface, true);
-        self.mark_steps(steps);
-        self.measure(map, colors, before);
-        let area_m2 = self.accept(size)?;
+        self.components.find(evidence.surface, true);
+        self.mark_steps(evidence.steps);
+        self.mark_continued(evidence);
+        self.measure(evidence);
+        let area_m2 = self.accept(evidence, size)?;
         for run in &self.components.runs {
             let patch = &self.patches[run.component as usize];
             let out = match patch {
@@ -134,7 +159,17 @@ impl Selector {
         self.far.and_not(&self.scratch);
     }
 
-    fn measure(&mut self, map: &DepthMap, colors: &Components, before: &BitImage) {
+    fn mark_continued(&mut self, evidence: &Evidence<'_>) {
+        self.continued.copy_from(&evidence.steps.edge);
+        self.continued.dilate(2, &mut self.scratch);
+        self.continued.or(evidence.sheet_colored);
+        self.continued.invert();
+        self.continued.and(&evidence.map.valid);
+        self.continued.dilate(CONTINUED_PX, &mut self.scratch);
+    }
+
+    fn measure(&mut self, evidence: &Evidence<'_>) {
+        let map = evidence.map;
         self.patches.clear();
         self.patches.resize(self.components.list.len(), Patch::default());
         let per_pixel = 1.0 / (map.focal_px[0] * map.focal_px[1]);
@@ -150,15 +185,18 @@ impl Selector {
             patch.runs += 1;
             patch.near += self.near.count_run(y, start, end);
             patch.far += self.far.count_run(y, start, end);
-            patch.before += before.count_run(y, start, end);
+            patch.continued += self.continued.count_run(y, start, end);
+            patch.moment_px[0] += (run.len() * (run.start + run.end - 1)) as f32 / 2.0;
+            patch.moment_px[1] += (run.len() * run.y) as f32;
+            patch.before += evidence.before.count_run(y, start, end);
             if patch.color == 0 {
-                let color = map.color_pixel(middle, y).and_then(|(x, y)| colors.at(x, y));
+                let color = map.color_pixel(middle, y).and_then(|(x, y)| evidence.colors.at(x, y));
                 patch.color = color.map_or(0, |k| k as u32 + 1);
             }
         }
     }
 
-    fn accept(&mut self, size: &SheetSize) -> Option<f32> {
+    fn accept(&mut self, evidence: &Evidence<'_>, size: &SheetSize) -> Option<f32> {
         let patches = &mut self.patches;
         self.order.clear();
         let large = |k: &u32| patches[*k as usize].pixels >= PATCH_MIN_PX;
@@ -185,36 +223,60 @@ impl Selector {
             let patch = &mut patches[*k as usize];
             if !patch.accepted
                 && area_m2 + patch.area_m2 <= size.area_m2_max
-                && belongs(patch, &anchor, size)
+                && belongs(patch, &anchor, size, evidence)
             {
                 patch.accepted = true;
                 area_m2 += patch.area_m2;
             }
-        }
-        if std::env::var("DBG").is_ok() {
-            for k in &self.order {
-                eprintln!("{:?}", self.patches[*k as usize]);
-            }
-            eprintln!("-- {area_m2} {size:?}");
         }
         (area_m2 >= size.area_m2_min).then_some(area_m2)
     }
 }
 
 /// Whether a patch is part of the same sheet as the anchor.
-fn belongs(patch: &Patch, anchor: &Patch, size: &SheetSize) -> bool {
+fn belongs(patch: &Patch, anchor: &Patch, size: &SheetSize, evidence: &Evidence<'_>) -> bool {
     let centre = |p: &Patch| p.moment_m.map(|m| m / p.pixels as f32);
     let (a, b) = (centre(patch), centre(anchor));
     let distance_m = (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f32>().sqrt();
     if distance_m > size.diagonal_m {
         return false;
     }
-    let outline = 2.0 * patch.runs as f32;
+    let share = OUTLINE_SHARE * 2.0 * patch.runs as f32;
     let in_front = patch.near > 2 * patch.far
-        && patch.near as f32 > OUTLINE_SHARE * outline
+        && patch.near as f32 > share
+        && patch.continued as f32 > share
         && patch.area_m2 < 0.5 * anchor.area_m2;
-    let behind = patch.far > 2 * patch.near
-        && patch.far as f32 > OUTLINE_SHARE * outline
-        && patch.area_m2 > size.piece_m2_min;
-    if patch.color == anchor.color { !in_front } else { behind }
+    if patch.color == anchor.color {
+        return !in_front;
+    }
+    let behind = patch.far as f32 > share && patch.area_m2 > size.piece_m2_min;
+    !in_front && behind && only_occluders_between(patch, anchor, evidence)
+}
+
+/// Whether a straight line between two patches crosses nothing but things of the sheet's colour,
+/// things in front of it, and gaps in depth.
+fn only_occluders_between(patch: &Patch, anchor: &Patch, evidence: &Evidence<'_>) -> bool {
+    let map = evidence.map;
+    let end = |p: &Patch| {
+        let [x, y] = p.moment_px.map(|m| m / p.pixels as f32);
+        // Per pixel the area is z² / f²; depth is interpolated as 1/z, which is exact on planes.
+        let z_m = (p.area_m2 / p.pixels as f32 * map.focal_px[0] * map.focal_px[1]).sqrt();
+        [x, y, 1.0 / z_m]
+    };
+    let (from, to) = (end(patch), end(anchor));
+    let steps = (to[0] - from[0]).abs().max((to[1] - from[1]).abs()).ceil().max(1.0);
+    let mut stretch = 0;
+    for n in 0..=steps as u32 {
+        let t = n as f32 / steps;
+        let [x, y, inverse] = [0, 1, 2].map(|k| from[k] + t * (to[k] - from[k]));
+        let (x, y) = ((x + 0.5) as usize, (y + 0.5) as usize);
+        let (x, y) = (x.min(map.width - 1), y.min(map.height - 1));
+        let level = map.z_m(x as i32, y as i32) > 1.0 / inverse - IN_FRONT_M;
+        let other = level && !evidence.sheet_colored.get(x, y);
+        stretch = if other { stretch + 1 } else { 0 };
+        if stretch > BETWEEN_PX_MAX {
+            return false;
+        }
+    }
+    true
 }

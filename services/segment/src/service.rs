@@ -123,6 +123,10 @@ impl Segment {
             cloud.cameras_without_sheet = report.cameras_without_sheet;
             cloud.cameras_without_frame = report.cameras_without_frame;
             cloud.points_left_out = report.points_left_out;
+            cloud.n_cameras = set.len() as u32;
+            for (camera, frame) in cloud.cameras.iter_mut().zip(set) {
+                *camera = frame.meta().calibration;
+            }
             work.end_ns = now_ns();
             work.status = report.cameras_without_frame;
             work.bytes = cloud_bytes(cloud);

@@ -24,7 +24,7 @@ const GAP_MAX_PX: usize = 16;
 
 /// Gaps without a step that matter, pixels: narrower ones are noise.
 const LEVEL_GAP_MIN_PX: f32 = 4.0;
-const LEVEL_GAP_MAX_PX: usize = 40;
+const LEVEL_GAP_MAX_PX: usize = 24;
 
 /// Directions from the near side of a step to its far side.
 pub(crate) const DIRECTIONS: [[i32; 2]; 4] = [[1, 0], [-1, 0], [0, 1], [0, -1]];

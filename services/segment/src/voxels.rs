@@ -21,6 +21,8 @@ pub(crate) struct Voxels {
     cells_max: usize,
     /// Open addressing; a power of two, at least twice `cells_max`.
     slots: Vec<u32>,
+    /// Cell of the last run that ended in each column.
+    above: Vec<u32>,
     left_out: u32,
 }
 
@@ -41,8 +43,8 @@ impl Cell {
 }
 
 impl Voxels {
-    /// Memory for `cells_max` cells of side `size_m`.
-    pub fn new(size_m: f32, camera: u32, cells_max: usize) -> Self {
+    /// Memory for `cells_max` cells of side `size_m` from images `width` pixels wide.
+    pub fn new(size_m: f32, camera: u32, cells_max: usize, width: usize) -> Self {
         Self {
             size_m,
             per_m: 1.0 / size_m,
@@ -50,6 +52,7 @@ impl Voxels {
             cells: Vec::with_capacity(cells_max),
             cells_max,
             slots: vec![FREE; (2 * cells_max).next_power_of_two()],
+            above: vec![FREE; width],
             left_out: 0,
         }
     }
@@ -64,7 +67,7 @@ impl Voxels {
 
     /// Takes the points of `pixels` of the loaded image, in raster order.
     pub fn add(&mut self, map: &DepthMap, pixels: &BitImage) {
-        let mut sum = Cell::EMPTY;
+        let (mut sum, mut last) = (Cell::EMPTY, 0);
         for y in 0..map.height {
             let row = map.world_row(y);
             for (k, word) in pixels.row(y).iter().enumerate() {
@@ -76,9 +79,10 @@ impl Voxels {
                     let key = position_m.map(|x| floor(x * self.per_m));
                     // Neighbours are often in the same cell.
                     if key != sum.key {
-                        self.merge(&sum);
+                        self.merge(&sum, last);
                         sum = Cell { key, ..Cell::EMPTY };
                     }
+                    last = x;
                     sum.pixels += 1.0;
                     for axis in 0..3 {
                         sum.offset_m[axis] += position_m[axis] - key[axis] as f32 * self.size_m;
@@ -88,18 +92,25 @@ impl Voxels {
                 }
             }
         }
-        self.merge(&sum);
+        self.merge(&sum, last);
     }
 
-    /// Adds the sums of a few pixels to their cell.
-    fn merge(&mut self, sum: &Cell) {
+    /// Adds the sums of a few pixels of a row, the last of them at column `x`, to their cell.
+    fn merge(&mut self, sum: &Cell, x: usize) {
         if sum.pixels == 0.0 {
             return;
         }
-        let Some(index) = self.find(sum.key) else {
+        // The row above was often in the same cell.
+        let above = self.cells.get(self.above[x] as usize).filter(|cell| cell.key == sum.key);
+        let found = match above {
+            Some(_) => Some(self.above[x] as usize),
+            None => self.find(sum.key),
+        };
+        let Some(index) = found else {
             self.left_out += sum.pixels as u32;
             return;
         };
+        self.above[x] = index as u32;
         let cell = &mut self.cells[index];
         cell.pixels += sum.pixels;
         (0..3).for_each(|axis| cell.offset_m[axis] += sum.offset_m[axis]);

@@ -16,7 +16,7 @@ pub struct SimulateParams {
     /// Compliance of the links between neighbours, m/N. 0 is inextensible (paper). Default 0.
     pub stretch_compliance_m_per_n: f64,
     /// Compliance of the skip links, m/N: how willingly the sheet bends. Small values keep it
-    /// smooth and make it refuse a sharp fold. Default 5.
+    /// smooth and make it refuse a sharp fold. Default 100.
     pub bend_compliance_m_per_n: f64,
     /// Damping time of the links, s: XPBD's `β/α` as one time scale, so that
     /// `γ = damping_s / dt`. Default 0.0005.
@@ -40,7 +40,7 @@ impl Default for SimulateParams {
             substeps: 20,
             link_steps: 2,
             stretch_compliance_m_per_n: 0.0,
-            bend_compliance_m_per_n: 5.0,
+            bend_compliance_m_per_n: 100.0,
             damping_s: 0.0005,
             drag_per_s: 12.0,
             track_hz: 48.0,

@@ -25,8 +25,7 @@ impl Simulate {
         let config = service.config("simulate", SimulateParams::check)?;
         let params: SheetParams = service.section("sheet")?;
         let sheet = service.config("sheet", SheetParams::check)?;
-        anyhow::ensure!(params.template.is_none(), "sheet.template cannot be read yet");
-        let rest_m: Option<Vec<[f32; 3]>> = None;
+        let rest_m = orime_recording::template::load(&params, &sheet)?;
         let density = params.density_kg_per_m2;
         let simulate = Self {
             simulator: Simulator::new(&config, &sheet, density, rest_m.as_deref()),

@@ -13,6 +13,7 @@ use orime_simulate::SimulateParams;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
+use crate::exit::{Exit, Failure};
 use crate::places::{Place, is_within, nearest, places};
 use crate::problem::PlacedProblem;
 
@@ -66,7 +67,8 @@ pub fn check(path: &Path, text: &str) -> Result<CheckedSet, Vec<PlacedProblem>> 
         match open(&set) {
             // The text as it is, not as it was blanked for the check.
             Ok((cameras, steps)) => {
-                let file = SetFile { text: text.to_owned(), ..set };
+                let mut file = set;
+                file.text = text.to_owned();
                 return Ok(CheckedSet { file, cameras, steps });
             }
             Err(message) => check.report("capture.folder.layout", message),
@@ -74,6 +76,25 @@ pub fn check(path: &Path, text: &str) -> Result<CheckedSet, Vec<PlacedProblem>> 
     }
     check.problems.sort_by_key(|problem| (problem.line, problem.column));
     Err(check.problems)
+}
+
+/// `orime check`: prints every problem, or that there is none.
+pub fn command(path: &Path, json: bool) -> Result<Exit, Failure> {
+    let text = std::fs::read_to_string(path).map_err(|error| {
+        Failure::usage(format!("reading set file `{}`: {error}", path.display()))
+    })?;
+    let problems = check(path, &text).err().unwrap_or_default();
+    if json {
+        let text = serde_json::to_string_pretty(&problems)
+            .map_err(|error| Failure::machine(error.to_string()))?;
+        println!("{text}");
+    } else if problems.is_empty() {
+        println!("{}: good", path.display());
+    } else {
+        problems.iter().for_each(|problem| println!("{problem}\n"));
+        println!("{} problem(s)", problems.len());
+    }
+    Ok(if problems.is_empty() { Exit::Good } else { Exit::Usage })
 }
 
 /// Opens the source, so that a missing recording shows before anything starts.
@@ -282,6 +303,6 @@ steps = 1
         let problems = check(Path::new("a.toml"), text).unwrap_err();
         let text = problems[0].to_string();
         assert!(text.starts_with("a.toml:2:9: "), "{text}");
-        assert!(text.ends_with("  | nodes = \"ü\" # twenty-five\n  |         ^^^"), "{text}");
+        assert!(text.ends_with("2 | nodes = \"ü\" # twenty-five\n  |         ^^^"), "{text}");
     }
 }

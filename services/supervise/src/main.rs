@@ -1,1 +1,38 @@
-fn main() {}
+//! `orime`: starts, watches and stops sets of services. What a run is made of is in `up.rs`.
+
+mod args;
+mod check;
+mod exit;
+mod places;
+mod problem;
+mod process;
+mod progress;
+mod runs;
+mod summary;
+mod up;
+mod watch;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+use args::{Cli, Command};
+use exit::Failure;
+
+/// The set that runs when none is named.
+const DEFAULT_SET: &str = include_str!("../../../deploy/sets/half_fold.toml");
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let result = match &cli.command {
+        Command::Up(args) => up::up(args, cli.json),
+        Command::Ps => runs::ps(cli.json),
+        Command::Down { run } => runs::down(run.as_deref(), cli.json),
+        Command::Check { set } => check::command(set, cli.json),
+    };
+    let exit = result.unwrap_or_else(|Failure { exit, message }| {
+        eprintln!("orime: {message}");
+        exit
+    });
+    ExitCode::from(exit)
+}

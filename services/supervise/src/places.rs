@@ -28,10 +28,7 @@ pub fn places(text: &str) -> Vec<Place> {
 
 /// The place of the deepest ancestor of `key`, itself included, that the text has.
 pub fn nearest<'p>(places: &'p [Place], key: &str) -> Option<&'p Place> {
-    places
-        .iter()
-        .filter(|place| is_within(key, &place.key))
-        .max_by_key(|place| place.key.len())
+    places.iter().filter(|place| is_within(key, &place.key)).max_by_key(|place| place.key.len())
 }
 
 /// Whether `key` is `ancestor` or lies in it.
@@ -45,7 +42,13 @@ fn walk(table: &dyn TableLike, prefix: &str, found: &mut Vec<Place>) {
         let own = table.key(name).and_then(|key| key.span());
         let value_span = item.span().or_else(|| own.clone());
         if let (Some(key_span), Some(value_span)) = (own, value_span) {
-            let is_table = matches!(item, Item::Table(table) if !table.is_dotted());
+            let is_table = match item {
+                Item::Table(table) => !table.is_dotted(),
+                Item::ArrayOfTables(_) => true,
+                _ => false,
+            };
+            // Of an array of tables, the elements' headers are places of their own.
+            let value_span = if item.is_array_of_tables() { key_span.clone() } else { value_span };
             found.push(Place { key: key.clone(), key_span, value_span, is_table });
         }
         descend(item, &key, found);
@@ -57,12 +60,12 @@ fn descend(item: &Item, key: &str, found: &mut Vec<Place>) {
         walk(table, key, found);
     } else if let Some(tables) = item.as_array_of_tables() {
         for (k, table) in tables.iter().enumerate() {
-            element(table.span(), &format!("{key}.{k}"), found);
+            element(table.span(), &format!("{key}.{k}"), true, found);
             walk(table, &format!("{key}.{k}"), found);
         }
     } else if let Some(values) = item.as_array() {
         for (k, value) in values.iter().enumerate() {
-            element(value.span(), &format!("{key}.{k}"), found);
+            element(value.span(), &format!("{key}.{k}"), false, found);
             if let Some(table) = value.as_inline_table() {
                 walk(table, &format!("{key}.{k}"), found);
             }
@@ -70,9 +73,9 @@ fn descend(item: &Item, key: &str, found: &mut Vec<Place>) {
     }
 }
 
-fn element(span: Option<Range<usize>>, key: &str, found: &mut Vec<Place>) {
+fn element(span: Option<Range<usize>>, key: &str, is_table: bool, found: &mut Vec<Place>) {
     if let Some(span) = span {
         let key = key.to_owned();
-        found.push(Place { key, key_span: span.clone(), value_span: span, is_table: false });
+        found.push(Place { key, key_span: span.clone(), value_span: span, is_table });
     }
 }

@@ -2,7 +2,7 @@
 
 use orime_geometry::{Edgel, ObservedPoint};
 
-use crate::{Header, layout, message};
+use crate::{CAMERAS_MAX, CameraMeta, Header, layout, message};
 
 /// Most points in a cloud.
 pub const POINTS_MAX: usize = 32_768;
@@ -28,8 +28,10 @@ message! {
         pub cameras_without_frame: u32,
         /// Points that did not fit.
         pub points_left_out: u32,
-        /// Always 0.
-        pub reserved: u32,
+        /// Used elements of `cameras`.
+        pub n_cameras: u32,
+        /// The cameras that saw it, in the order of their indices.
+        pub cameras: [CameraMeta; CAMERAS_MAX],
         /// Surface points, world frame.
         pub points: [ObservedPoint; POINTS_MAX],
         /// Contour elements.
@@ -38,6 +40,11 @@ message! {
 }
 
 impl ObservedCloud {
+    /// The cameras.
+    pub fn cameras(&self) -> &[CameraMeta] {
+        &self.cameras[..(self.n_cameras as usize).min(CAMERAS_MAX)]
+    }
+
     /// The used points.
     pub fn points(&self) -> &[ObservedPoint] {
         &self.points[..(self.n_points as usize).min(POINTS_MAX)]
@@ -49,5 +56,9 @@ impl ObservedCloud {
     }
 }
 
-const _: () = assert!(size_of::<ObservedCloud>() == 72 + 24 + 32 * POINTS_MAX + 24 * EDGELS_MAX);
-const _: () = assert!(core::mem::offset_of!(ObservedCloud, points) == 96);
+const CAMERAS_BYTES: usize = size_of::<CameraMeta>() * CAMERAS_MAX;
+const _: () = assert!(core::mem::offset_of!(ObservedCloud, points) == 72 + 24 + CAMERAS_BYTES);
+const _: () = assert!(
+    size_of::<ObservedCloud>()
+        == core::mem::offset_of!(ObservedCloud, points) + 32 * POINTS_MAX + 24 * EDGELS_MAX
+);

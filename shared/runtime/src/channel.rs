@@ -75,22 +75,22 @@ const fn channel<M>(name: &'static str, lockstep: Qos, realtime: Qos) -> Channel
     }
 }
 
-/// capture → segment. One set is being written, one waits, one is in work.
+/// capture → segment. In lockstep one set is in work while the next is written.
 pub const FRAME: Channel<FrameMeta> = Channel {
     per_camera: true,
     subscribers_max: 2,
-    ..channel("orime/frame", lossless(3), newest_wins(1, 3))
+    ..channel("orime/frame", lossless(2), newest_wins(1, 3))
 };
 /// segment → register, judge.
-pub const CLOUD: Channel<ObservedCloud> = channel("orime/cloud", lossless(4), newest_wins(2, 3));
+pub const CLOUD: Channel<ObservedCloud> = channel("orime/cloud", lossless(2), newest_wins(2, 3));
 /// register → simulate.
-pub const TARGETS: Channel<Targets> = channel("orime/targets", lossless(4), newest_wins(2, 3));
+pub const TARGETS: Channel<Targets> = channel("orime/targets", lossless(2), newest_wins(2, 3));
 /// simulate → register, judge, robot, viewer.
 pub const STATE: Channel<SheetState> =
-    Channel { subscribers_max: 6, ..channel("orime/state", lossless(8), newest_wins(2, 4)) };
+    Channel { subscribers_max: 6, ..channel("orime/state", lossless(4), newest_wins(2, 4)) };
 /// capture → judge. Capture runs ahead of the states by all that is on its way, so this holds
 /// more than the other channels together.
-pub const TRUTH: Channel<Truth> = channel("orime/truth", lossless(24), newest_wins(24, 24));
+pub const TRUTH: Channel<Truth> = channel("orime/truth", lossless(16), newest_wins(16, 16));
 /// Every stage → supervisor, probes. Never holds a stage up, at any pace.
 pub const RECORD: Channel<StageRecord> = Channel {
     publishers_max: 8,

@@ -1,0 +1,163 @@
+//! One process of a set: started, listened to, ended, reaped.
+
+use std::fs::File;
+use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::mpsc::Sender;
+
+use orime_messages::Stage;
+use orime_runtime::{CAMERAS_VARIABLE, PARENT_VARIABLE, RUN_VARIABLE, RunId};
+use rustix::process::{Pid, Signal, kill_process_group};
+
+use crate::exit::Failure;
+
+/// A line that a process printed on its standard output.
+#[derive(Debug)]
+pub struct Said {
+    /// Who.
+    pub stage: Stage,
+    /// What.
+    pub line: String,
+}
+
+/// A process of the set; killed with its group if it is dropped while it runs.
+#[derive(Debug)]
+pub struct Process {
+    /// Its part.
+    pub stage: Stage,
+    /// Its standard error.
+    pub log: PathBuf,
+    child: Child,
+    status: Option<ExitStatus>,
+}
+
+/// What every process of a run is started with.
+#[derive(Debug)]
+pub struct Launch<'a> {
+    /// The run.
+    pub run: RunId,
+    /// The set file.
+    pub set: &'a Path,
+    /// Where the run writes.
+    pub out: &'a Path,
+    /// Cameras of the set.
+    pub cameras: usize,
+}
+
+impl Launch<'_> {
+    /// Starts a stage; what it prints goes to `said`, what it logs to `OUT/logs/STAGE.log`.
+    pub fn start(&self, stage: Stage, said: &Sender<Said>) -> Result<Process, Failure> {
+        let program = program(stage)?;
+        let log = self.out.join("logs").join(format!("{}.log", stage.name()));
+        let log_file = File::create(&log)
+            .map_err(|error| Failure::machine(format!("writing `{}`: {error}", log.display())))?;
+        let mut command = Command::new(&program);
+        if stage == Stage::Judge {
+            command.arg("watch").arg(self.set).arg("--out").arg(self.out);
+        } else {
+            command.arg(self.set);
+        }
+        let mut child = command
+            // A log ends in what went wrong, not in where this program noticed.
+            .env("RUST_LIB_BACKTRACE", "0")
+            .env(RUN_VARIABLE, self.run.to_string())
+            .env(CAMERAS_VARIABLE, self.cameras.to_string())
+            .env(PARENT_VARIABLE, std::process::id().to_string())
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(log_file)
+            // Out of the terminal's group: what a Ctrl-C means is decided here.
+            .process_group(0)
+            .spawn()
+            .map_err(|error| {
+                Failure::machine(format!("starting `{}`: {error}", program.display()))
+            })?;
+        if let Some(stdout) = child.stdout.take() {
+            let said = said.clone();
+            std::thread::spawn(move || {
+                for line in BufReader::new(stdout).lines().map_while(Result::ok) {
+                    if said.send(Said { stage, line }).is_err() {
+                        return;
+                    }
+                }
+            });
+        }
+        Ok(Process { stage, log, child, status: None })
+    }
+}
+
+/// The program of a stage, beside this one.
+pub fn program(stage: Stage) -> Result<PathBuf, Failure> {
+    let name = match stage {
+        Stage::Judge => "orime-evaluate".to_owned(),
+        stage => format!("orime-{}", stage.name()),
+    };
+    let own = std::env::current_exe()
+        .map_err(|error| Failure::machine(format!("finding this program: {error}")))?;
+    let path = own.with_file_name(name);
+    if path.is_file() {
+        return Ok(path);
+    }
+    Err(Failure::machine(format!(
+        "`{}` is not there: build all of it with `cargo build --release --workspace`",
+        path.display()
+    )))
+}
+
+impl Process {
+    /// Its process id.
+    pub fn pid(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// How it ended, if it has.
+    pub fn poll(&mut self) -> Option<ExitStatus> {
+        if self.status.is_none() {
+            self.status = self.child.try_wait().ok().flatten();
+        }
+        self.status
+    }
+
+    /// Sends a signal to it and whatever it started, unless it has ended.
+    pub fn signal(&mut self, signal: Signal) {
+        if self.poll().is_none()
+            && let Some(group) = Pid::from_raw(self.child.id() as i32)
+        {
+            // It may end in this very moment; then there is nothing to do.
+            let _ = kill_process_group(group, signal);
+        }
+    }
+
+    /// The last lines of its log.
+    pub fn log_tail(&self) -> String {
+        log_tail(&self.log).unwrap_or_default()
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        if self.poll().is_none() {
+            self.signal(Signal::KILL);
+            let _ = self.child.wait();
+        }
+    }
+}
+
+/// Lines of a log that are shown when its process failed.
+const TAIL_LINES: usize = 12;
+/// Bytes from the end in which these are looked for.
+const TAIL_BYTES: u64 = 8192;
+
+fn log_tail(path: &Path) -> io::Result<String> {
+    let mut file = File::open(path)?;
+    let length = file.metadata()?.len();
+    file.seek(SeekFrom::Start(length.saturating_sub(TAIL_BYTES)))?;
+    let mut bytes = Vec::new();
+    file.read_to_end(&mut bytes)?;
+    let text = String::from_utf8_lossy(&bytes);
+    let lines: Vec<&str> = text.lines().collect();
+    let tail = &lines[lines.len().saturating_sub(TAIL_LINES)..];
+    Ok(tail.iter().map(|line| format!("    {line}\n")).collect())
+}

@@ -1,0 +1,143 @@
+//! What a running set is doing, from its records and the judge's lines.
+
+use std::fmt::Write as _;
+use std::io::{self, IsTerminal, Write as _};
+
+use orime_messages::{RecordKind, Stage};
+use orime_probe::Figures;
+use orime_runtime::{Guest, RuntimeError, now_ns};
+use serde::Deserialize;
+
+/// Time between two redraws of the live line in a terminal, nanoseconds.
+const TERMINAL_NS: u64 = 200_000_000;
+/// Time between two lines where the output is no terminal, nanoseconds.
+const FILE_NS: u64 = 2_000_000_000;
+
+/// The state of a running set.
+#[derive(Debug)]
+pub struct Progress {
+    /// Figures from the records.
+    pub figures: Figures,
+    /// Newest distance between observation and model that the judge said, millimetres.
+    pub e_mm: Option<f64>,
+    /// When anything last moved, `CLOCK_MONOTONIC`, nanoseconds.
+    pub moved_ns: u64,
+    steps_max: Option<u64>,
+    shown_ns: u64,
+    is_terminal: bool,
+    line_is_open: bool,
+}
+
+/// What the judge prints per step.
+#[derive(Debug, Deserialize)]
+struct JudgeLine {
+    e_mm: Option<f64>,
+}
+
+/// Names of [`orime_register::Tracking`]'s numbers.
+fn tracking_name(status: u32) -> &'static str {
+    match status {
+        0 => "searching",
+        1 => "tracking",
+        2 => "coasting",
+        _ => "lost",
+    }
+}
+
+impl Progress {
+    /// A set of `steps` steps that has not begun.
+    pub fn new(steps_max: Option<u64>) -> Self {
+        Self {
+            figures: Figures::new(),
+            e_mm: None,
+            moved_ns: now_ns(),
+            steps_max,
+            shown_ns: 0,
+            is_terminal: io::stdout().is_terminal(),
+            line_is_open: false,
+        }
+    }
+
+    /// Takes in all records that are there.
+    pub fn read(&mut self, guest: &mut Guest) -> Result<(), RuntimeError> {
+        while let Some(record) = guest.records.try_next()? {
+            self.figures.add(&record);
+            if record.kind() != Some(RecordKind::Taken) {
+                self.moved_ns = now_ns();
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes in a line of the judge; others than its figures are left out.
+    pub fn judge_said(&mut self, line: &str) {
+        if let Ok(JudgeLine { e_mm: Some(e_mm) }) = serde_json::from_str(line) {
+            self.e_mm = Some(e_mm);
+        }
+    }
+
+    /// The stage that holds the others up: the most downstream one that has not given what its
+    /// predecessor gave it; capture if none has anything to do.
+    pub fn holdup(&self) -> Stage {
+        let step = |stage| self.figures.stage(stage).and_then(|figures| figures.step);
+        Stage::PIPELINE
+            .windows(2)
+            .rev()
+            .find(|pair| step(pair[0]) > step(pair[1]))
+            .map_or(Stage::Capture, |pair| pair[1])
+    }
+
+    /// Shows the live line if it is time to.
+    pub fn show(&mut self) {
+        let now = now_ns();
+        let pause_ns = if self.is_terminal { TERMINAL_NS } else { FILE_NS };
+        if now < self.shown_ns + pause_ns || self.figures.steps() == 0 {
+            return;
+        }
+        self.shown_ns = now;
+        let line = self.line(now);
+        let mut out = io::stdout().lock();
+        // A terminal that is gone shows nothing: no reason to stop the set.
+        let _ = if self.is_terminal {
+            self.line_is_open = true;
+            write!(out, "\r\x1b[2K{line}")
+        } else {
+            writeln!(out, "{line}")
+        };
+        let _ = out.flush();
+    }
+
+    /// Ends the live line, so that what follows begins a line of its own.
+    pub fn close(&mut self) {
+        if self.line_is_open {
+            println!();
+            self.line_is_open = false;
+        }
+    }
+
+    fn line(&self, now: u64) -> String {
+        let figures = &self.figures;
+        let simulate = figures.stage(Stage::Simulate);
+        let mut line = format!("step {}", simulate.and_then(|f| f.step).map_or(0, |step| step + 1));
+        // Writing to a string cannot fail.
+        if let Some(steps) = self.steps_max {
+            let _ = write!(line, "/{steps}");
+        }
+        match self.e_mm {
+            Some(e_mm) => drop(write!(line, "  E {e_mm:.2} mm")),
+            None => line.push_str("  E -"),
+        }
+        if let Some(ns) = figures.step_compute().quantile_ns(0.5) {
+            let _ = write!(line, "  {:.1} ms/step", ns as f64 / 1e6);
+        }
+        if let Some(hz) = figures.hz() {
+            let _ = write!(line, "  {hz:.1}/s");
+        }
+        if let Some(age_ns) = figures.age_ns(now) {
+            let _ = write!(line, "  age {:.0} ms", age_ns as f64 / 1e6);
+        }
+        let _ = write!(line, "  drops {}", figures.drops_total());
+        let _ = write!(line, "  {}", tracking_name(simulate.map_or(0, |f| f.status)));
+        line
+    }
+}

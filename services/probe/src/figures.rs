@@ -325,8 +325,7 @@ mod tests {
         figures.add(&record(Stage::Segment, published, 4, [1000, 1300, 1400, 3400, 3500]));
         figures.add(&record(Stage::Register, published, 4, [3500, 3700, 3800, 8800, 9000]));
         let report = figures.report(20_500);
-        let p50 =
-            |percentiles: &Percentiles| percentiles.p50.map(|us| (us * 10.0).round() / 10.0);
+        let p50 = |percentiles: &Percentiles| percentiles.p50.map(|us| (us * 10.0).round() / 10.0);
         let hop = &report.hops.capture_to_segment;
         assert_eq!((p50(&hop.transport_us), p50(&hop.queue_us)), (Some(0.3), Some(0.1)));
         assert_eq!(p50(&report.hops.segment_to_register.transport_us), Some(0.2));

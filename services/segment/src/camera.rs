@@ -9,6 +9,7 @@ use crate::contour::Contour;
 use crate::depth::DepthMap;
 use crate::inner_edge;
 use crate::learn::{Learner, Proposal};
+use crate::mask::{Accepted, MaskBuilder};
 use crate::occluders::Occluders;
 use crate::params::SegmentParams;
 use crate::select::{Evidence, Selector, SheetSize};
@@ -17,14 +18,6 @@ use crate::voxels::Voxels;
 
 /// Neighbourhood of sheet-coloured pixels that is searched for steps in depth, pixels.
 const REGION_PX: usize = 16;
-
-/// Least share of a piece of the mask whose depth must have been accepted.
-const SUPPORT_MIN: f32 = 0.3;
-
-/// Parts of the mask that are farther than `SUPPORT_PX` from accepted depth, and wider than
-/// twice `UNSUPPORTED_PX`, are dropped; the shadows that edges leave in depth are narrower.
-const SUPPORT_PX: usize = 4;
-const UNSUPPORTED_PX: usize = 5;
 
 /// Smallest part of the sheet that something in front cuts off, as a share of its area.
 const PIECE_SHARE_MIN: f64 = 0.003;
@@ -61,8 +54,7 @@ pub(crate) struct CameraSegmenter {
     selector: Selector,
     occluders: Occluders,
     components: Components,
-    /// Per component of the mask: pixels with accepted depth.
-    support_px: Vec<u32>,
+    builder: MaskBuilder,
     color: ColorImages,
     depth: DepthImages,
     voxels: Voxels,
@@ -132,7 +124,7 @@ impl CameraSegmenter {
             selector: Selector::new(map.width, map.height),
             occluders: Occluders::new(map.width, map.height),
             components: Components::new(width, height),
-            support_px: Vec::with_capacity(width.div_ceil(2) * height),
+            builder: MaskBuilder::new(width, height),
             color: ColorImages::new(width, height),
             depth: DepthImages::new(map.width, map.height),
             points: Vec::with_capacity(cells_max),
@@ -253,69 +245,16 @@ impl CameraSegmenter {
         };
         let (accepted, refused) = (&mut depth.accepted, &mut depth.refused);
         let area_m2 = self.selector.select(&evidence, &self.size, accepted, refused)?;
-        self.build_mask();
+        let surface = Accepted {
+            map: &self.map,
+            colors: &self.components,
+            selector: &self.selector,
+            accepted: &depth.accepted,
+            refused: &depth.refused,
+        };
+        let hole_ratio_max = self.params.hole_ratio_max;
+        self.builder.build(&surface, hole_ratio_max, &mut color.mask, &mut color.around);
         Some(area_m2)
-    }
-
-    /// The colour mask of the accepted patches: their colour components, less what was refused,
-    /// with small holes filled.
-    fn build_mask(&mut self) {
-        let (color, depth) = (&mut self.color, &mut self.depth);
-        color.mask.clear();
-        for run in &self.components.runs {
-            if self.selector.accepts_color(run.component as usize) {
-                color.mask.set_run(run.y as usize, run.start as usize, run.end as usize);
-            }
-        }
-        color.eroded.clear();
-        self.map.splat(&depth.refused, &mut color.eroded);
-        color.eroded.dilate(2, &mut color.scratch);
-        color.mask.and_not(&color.eroded);
-
-        self.keep_supported();
-        let color = &mut self.color;
-        let hole_px_max = self.params.hole_ratio_max * color.mask.count() as f64;
-        self.components.find(&color.mask, false);
-        color.around.clear();
-        for run in &self.components.runs {
-            let component = &self.components.list[run.component as usize];
-            let (y, start, end) = (run.y as usize, run.start as usize, run.end as usize);
-            if component.at_border {
-                color.around.set_run(y, start, end);
-            } else if f64::from(component.pixels) <= hole_px_max {
-                color.mask.set_run(y, start, end);
-            }
-        }
-    }
-
-    /// Drops the parts of the mask without accepted depth: what is left of things that were
-    /// refused, or that return no depth.
-    fn keep_supported(&mut self) {
-        let (color, depth) = (&mut self.color, &mut self.depth);
-        color.eroded.clear();
-        self.map.splat(&depth.accepted, &mut color.eroded);
-        color.around.copy_from(&color.eroded);
-        color.around.dilate(SUPPORT_PX, &mut color.scratch);
-        color.occluded.copy_from(&color.mask);
-        color.occluded.and_not(&color.around);
-        color.occluded.erode(UNSUPPORTED_PX, &mut color.scratch);
-        color.occluded.dilate(UNSUPPORTED_PX + SUPPORT_PX, &mut color.scratch);
-        color.mask.and_not(&color.occluded);
-        color.eroded.dilate(2, &mut color.scratch);
-        self.components.find(&color.mask, true);
-        self.support_px.clear();
-        self.support_px.resize(self.components.list.len(), 0);
-        for run in &self.components.runs {
-            let (y, start, end) = (run.y as usize, run.start as usize, run.end as usize);
-            self.support_px[run.component as usize] += color.eroded.count_run(y, start, end);
-        }
-        color.mask.clear();
-        for run in &self.components.runs {
-            let pixels = self.components.list[run.component as usize].pixels;
-            if self.support_px[run.component as usize] as f32 >= SUPPORT_MIN * pixels as f32 {
-                color.mask.set_run(run.y as usize, run.start as usize, run.end as usize);
-            }
-        }
     }
 
     /// Averages the points of the mask's depth pixels that see the sheet and nothing else.

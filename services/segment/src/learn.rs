@@ -118,12 +118,7 @@ impl Learner {
 
     /// The table of `seeds` against this picture's border and the colours of `ring`, pixels next
     /// to the sheet.
-    pub fn refine(
-        &mut self,
-        color_rgb: &[u8],
-        seeds: &[Feature],
-        ring: &BitImage,
-    ) -> ColorTable {
+    pub fn refine(&mut self, color_rgb: &[u8], seeds: &[Feature], ring: &BitImage) -> ColorTable {
         let mut around = self.border_clusters(color_rgb);
         self.samples.clear();
         for y in 0..ring.height {
@@ -185,8 +180,9 @@ impl Learner {
                 && start > WINDOW_PX
                 && end + WINDOW_PX < width;
         }
-        let mut regions: Vec<usize> =
-            (0..list.len()).filter(|k| (inside[*k] || !inside_only) && list[*k].pixels as f32 >= least).collect();
+        let mut regions: Vec<usize> = (0..list.len())
+            .filter(|k| (inside[*k] || !inside_only) && list[*k].pixels as f32 >= least)
+            .collect();
         // The sum of brightness is the area times the mean brightness.
         regions.sort_by(|a, b| brightness[*b].total_cmp(&brightness[*a]).then(a.cmp(b)));
         regions.truncate(REGIONS_MAX);

@@ -15,6 +15,8 @@ mod contour;
 mod depth;
 mod inner_edge;
 mod learn;
+mod mask;
+mod morphology;
 mod occluders;
 mod params;
 mod select;

@@ -23,8 +23,14 @@ pub(crate) struct Occluders {
 impl Occluders {
     pub fn new(width: usize, height: usize) -> Self {
         let image = || BitImage::new(width, height);
-        Self { found: image(),
-            unsure: image(), support: image(), band: image(), step: image(), scratch: image() }
+        Self {
+            found: image(),
+            unsure: image(),
+            support: image(),
+            band: image(),
+            step: image(),
+            scratch: image(),
+        }
     }
 
     /// A step whose far side is the sheet and whose near side is not the sheet's own flap.

@@ -103,66 +103,70 @@ impl Default for SegmentParams {
 impl SegmentParams {
     /// Checks the section; every problem at once.
     pub fn check(&self) -> Result<SegmentConfig, Vec<Problem>> {
+        let Self {
+            color_hint_rgb,
+            back_color_hint_rgb,
+            seed: _,
+            depth_min_m,
+            depth_max_m,
+            workspace_m,
+            open_px,
+            close_px,
+            hole_ratio_max,
+            area_ratio_max,
+            area_ratio_min,
+            learn_area_ratio_min,
+            relearn_after_frames: _,
+            mask_margin_px,
+            occluder_margin_px,
+            edgel_occluder_margin_px,
+            step_m,
+            step_growth_per_m,
+            voxel_m,
+            edgel_spacing_px,
+            contrast_min,
+            inner_edgels: _,
+        } = *self;
         let mut checker = Checker::new();
-        self.check_gates(&mut checker);
-        self.check_masks(&mut checker);
-        checker.finish(|| SegmentConfig { params: self.clone() })
-    }
-
-    fn check_gates(&self, checker: &mut Checker) {
-        let (low, high) = (self.depth_min_m, self.depth_max_m);
-        checker.require(
-            0.0 < low && low < high && high <= 20.0,
-            "depth_min_m",
-            [low, high],
-            "needs 0 < depth_min_m < depth_max_m <= 20 metres",
-        );
-        if let Some([low, high]) = self.workspace_m {
-            checker.require(
-                low.iter().zip(high).all(|(l, h)| *l < h && l.is_finite() && h.is_finite()),
-                "workspace_m",
-                [low, high],
-                "each coordinate of the first corner must be below that of the second",
-            );
+        let depths = [depth_min_m, depth_max_m];
+        let holds = 0.0 < depths[0] && depths[0] < depths[1] && depths[1] <= 20.0;
+        let requirement = "needs 0 < depth_min_m < depth_max_m <= 20 metres";
+        checker.require(holds, "depth_min_m", depths, requirement);
+        if let Some([low, high]) = workspace_m {
+            let holds = (0..3).all(|k| low[k] < high[k] && (high[k] - low[k]).is_finite());
+            let requirement = "each coordinate of the first corner must be below the second's";
+            checker.require(holds, "workspace_m", [low, high], requirement);
         }
-        checker.require(
-            self.back_color_hint_rgb.is_none() || self.color_hint_rgb.is_some(),
-            "back_color_hint_rgb",
-            self.back_color_hint_rgb,
-            "give `color_hint_rgb` too",
-        );
-        let in_range = |x: f64, low: f64, high: f64| low <= x && x <= high;
-        for (key, value, low, high, requirement) in [
-            ("step_m", self.step_m, 5e-4, 0.1, "must be 0.0005 to 0.1 metres"),
-            ("step_growth_per_m", self.step_growth_per_m, 0.0, 0.1, "must be 0 to 0.1 per metre"),
-            ("voxel_m", self.voxel_m, 5e-4, 0.1, "must be 0.0005 to 0.1 metres"),
-            ("area_ratio_max", self.area_ratio_max, 1.0, 4.0, "must be 1 to 4"),
-            ("hole_ratio_max", self.hole_ratio_max, 0.0, 0.5, "must be 0 to 0.5"),
-            ("contrast_min", self.contrast_min, 1.0, 255.0, "must be 1 to 255"),
+        let holds = back_color_hint_rgb.is_none() || color_hint_rgb.is_some();
+        let requirement = "give `color_hint_rgb` too";
+        checker.require(holds, "back_color_hint_rgb", back_color_hint_rgb, requirement);
+        for (key, value, low, high, unit) in [
+            ("hole_ratio_max", hole_ratio_max, 0.0, 0.5, ""),
+            ("area_ratio_max", area_ratio_max, 1.0, 4.0, ""),
+            ("step_m", step_m, 5e-4, 0.1, " metres"),
+            ("step_growth_per_m", step_growth_per_m, 0.0, 0.1, " per metre"),
+            ("voxel_m", voxel_m, 5e-4, 0.1, " metres"),
+            ("contrast_min", contrast_min, 1.0, 255.0, ""),
         ] {
-            checker.require(in_range(value, low, high), key, value, requirement);
+            let requirement = format!("must be {low} to {high}{unit}");
+            checker.require(low <= value && value <= high, key, value, &requirement);
         }
-        let (min, learn) = (self.area_ratio_min, self.learn_area_ratio_min);
-        checker.require(
-            0.0 < min && min <= learn && learn <= 1.0,
-            "area_ratio_min",
-            [min, learn],
-            "needs 0 < area_ratio_min <= learn_area_ratio_min <= 1",
-        );
-    }
-
-    fn check_masks(&self, checker: &mut Checker) {
+        let areas = [area_ratio_min, learn_area_ratio_min];
+        let holds = 0.0 < areas[0] && areas[0] <= areas[1] && areas[1] <= 1.0;
+        let requirement = "needs 0 < area_ratio_min <= learn_area_ratio_min <= 1";
+        checker.require(holds, "area_ratio_min", areas, requirement);
         for (key, value, low, high) in [
-            ("open_px", self.open_px, 0, 16),
-            ("close_px", self.close_px, 0, 16),
-            ("mask_margin_px", self.mask_margin_px, 0, 16),
-            ("occluder_margin_px", self.occluder_margin_px, 0, 32),
-            ("edgel_occluder_margin_px", self.edgel_occluder_margin_px, 0, 32),
-            ("edgel_spacing_px", self.edgel_spacing_px, 1, 64),
+            ("open_px", open_px, 0, 16),
+            ("close_px", close_px, 0, 16),
+            ("mask_margin_px", mask_margin_px, 0, 16),
+            ("occluder_margin_px", occluder_margin_px, 0, 32),
+            ("edgel_occluder_margin_px", edgel_occluder_margin_px, 0, 32),
+            ("edgel_spacing_px", edgel_spacing_px, 1, 64),
         ] {
             let requirement = format!("must be {low} to {high} pixels");
             checker.require((low..=high).contains(&value), key, value, &requirement);
         }
+        checker.finish(|| SegmentConfig { params: self.clone() })
     }
 }
 
@@ -206,5 +210,27 @@ mod tests {
                 "edgel_spacing_px",
             ]
         );
+    }
+
+    /// "Default 5." in a field's documentation is the field's default.
+    #[test]
+    fn documented_defaults_are_the_defaults() {
+        let source = include_str!("params.rs");
+        let defaults = format!("{:#?}", SegmentParams::default());
+        let fields = &source[..source.find("impl Default").unwrap()];
+        let mut documented = None;
+        let mut checked = 0;
+        for line in fields.lines().map(str::trim) {
+            if let Some((_, value)) = line.split_once("Default ") {
+                documented = Some(value.trim_end_matches('.').to_owned());
+            } else if let Some(field) = line.strip_prefix("pub ") {
+                let Some((name, _)) = field.split_once(':') else { continue };
+                let value = documented.take().unwrap_or_else(|| panic!("no default for {name}"));
+                let value = if value.starts_with("none") { "None" } else { value.as_str() };
+                assert!(defaults.contains(&format!("    {name}: {value},")), "{name}: {value}");
+                checked += 1;
+            }
+        }
+        assert_eq!(checked, 22);
     }
 }

@@ -226,3 +226,75 @@ fn hash([x, y, z]: [i32; 3]) -> u64 {
     h = (h ^ h >> 29 ^ z as u32 as u64).wrapping_mul(0x94d0_49bb_1331_11eb);
     h ^ h >> 32
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::params::SegmentParams;
+    use orime_geometry::nalgebra::Isometry3;
+    use orime_geometry::{CameraModel, RgbdCamera};
+
+    /// A wall at 1 m: pixel `x` is at `0.005 + 0.01 x` metres, pixel `y` alike.
+    fn wall() -> DepthMap {
+        let lens = CameraModel {
+            width: 4,
+            height: 2,
+            fx_px: 100.0,
+            fy_px: 100.0,
+            cx_px: -0.5,
+            cy_px: -0.5,
+            distortion: [0.0; 5],
+        };
+        let camera = RgbdCamera {
+            name: String::new(),
+            color: lens.clone(),
+            depth: lens,
+            color_from_depth: Isometry3::identity(),
+            world_from_color: Isometry3::translation(0.0, -1.0, 0.01),
+            depth_m_per_unit: 0.001,
+        };
+        let mut map = DepthMap::new(&camera, &SegmentParams::default());
+        // The last column is 4 mm nearer; its two points stay in the cell of the column before.
+        map.load(&[1000, 1000, 1000, 996, 1000, 1000, 1000, 996]);
+        map
+    }
+
+    fn average(cells_max: usize) -> (Vec<[f32; 4]>, u32) {
+        let map = wall();
+        let mut pixels = map.valid.clone();
+        // One pixel is not the sheet's.
+        pixels.row_mut(0)[0] &= !0b0010;
+        let mut voxels = Voxels::new(0.02, 7, cells_max, 4);
+        let mut points = Vec::new();
+        for _ in 0..2 {
+            voxels.clear();
+            voxels.add(&map, &pixels);
+            voxels.average(&map, &pixels, &mut points);
+        }
+        assert!(points.iter().all(|p| p.camera == 7 && p.normal == [0.0; 3]));
+        let flat =
+            points.iter().map(|p| [p.position_m[0], p.position_m[1], p.position_m[2], p.pixels]);
+        (flat.collect(), voxels.left_out())
+    }
+
+    #[test]
+    fn cells_average_their_pixels_and_count_them() {
+        let (points, left_out) = average(10);
+        // Pixels 0, 4 and 5: x (5 + 5 + 15)/3 mm, y (5 + 15 + 15)/3 - 1000 mm.
+        // Pixels 2, 6 and the nearer 3, 7: x (25 + 25 + 2 · 35 · 0.996)/4 mm, z 1010 - 2 mm.
+        let expected =
+            [[0.025 / 3.0, 0.035 / 3.0 - 1.0, 1.01, 3.0], [0.02993, 0.009_98 - 1.0, 1.008, 4.0]];
+        assert_eq!((points.len(), left_out), (2, 0));
+        for (point, expected) in points.iter().zip(expected) {
+            for (a, b) in point.iter().zip(expected) {
+                assert!((a - b).abs() < 1e-6, "{points:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_finds_no_cell_is_counted() {
+        let (points, left_out) = average(1);
+        assert_eq!((points.len(), left_out), (1, 4));
+    }
+}

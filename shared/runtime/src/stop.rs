@@ -28,6 +28,11 @@ impl Stop {
         Ok(stop)
     }
 
+    /// The flag itself, for signal handlers.
+    pub fn flag(&self) -> Arc<AtomicBool> {
+        Arc::clone(&self.requested)
+    }
+
     /// Asks to end.
     pub fn request(&self) {
         self.requested.store(true, Ordering::Relaxed);

@@ -1,18 +1,16 @@
 //! Where points and edgels lie, against the scene's geometry.
 
-mod scene;
-
+use crate::scene::{Bench, Patch, Scene, Seen, WHITE, camera, flat_sheet, lens};
 use orime_geometry::nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use orime_geometry::{EdgelKind, RgbdCamera};
 use orime_segment::SegmentParams;
-use scene::{Bench, Patch, Scene, Seen, WHITE, camera, flat_sheet, lens};
 
 /// Distance of every point from the sheet's plane, and outside its rectangle; metres.
 fn errors_m(seen: &Seen, sheet: &Patch) -> (f64, f64) {
     let (mut off, mut outside) = (0f64, f64::NEG_INFINITY);
     for point in &seen.points {
-        let local = sheet.world_from_patch.inverse()
-            * Point3::from(point.position_m.map(f64::from));
+        let local =
+            sheet.world_from_patch.inverse() * Point3::from(point.position_m.map(f64::from));
         off = off.max(local.z.abs());
         outside = outside.max(local.x.abs() - sheet.size_m[0] / 2.0);
         outside = outside.max(local.y.abs() - sheet.size_m[1] / 2.0);
@@ -77,8 +75,7 @@ fn the_offset_between_the_lenses_is_honoured() {
     color.distortion = [-0.04, 0.03, -0.001, 0.002, 0.0];
     let world_from_color =
         Isometry3::new(Vector3::new(0.03, 0.02, -0.05), Vector3::new(0.1, -0.05, 0.3));
-    let apart =
-        RgbdCamera { color, depth, color_from_depth: offset, world_from_color, ..camera() };
+    let apart = RgbdCamera { color, depth, color_from_depth: offset, world_from_color, ..camera() };
     let sheet = flat_sheet();
     let scene = Scene::new(vec![sheet.clone()]);
     let mut bench = Bench::new(&SegmentParams::default(), vec![camera(), apart]);
@@ -109,8 +106,8 @@ fn near_a_hand_there_are_neither_points_nor_edgels() {
     let (off, outside) = errors_m(&seen, &flat_sheet());
     assert!(off < 1e-4 && outside < 0.0, "{off} m off the plane, {outside} m outside");
     let gap_px = |pixel: [f64; 2]| {
-        let at = hand.world_from_patch.inverse()
-            * Point3::from(lens().ray(Vector2::from(pixel)) * 0.55);
+        let at =
+            hand.world_from_patch.inverse() * Point3::from(lens().ray(Vector2::from(pixel)) * 0.55);
         let gaps = [0, 1].map(|k| (at[k].abs() - hand.size_m[k] / 2.0) / (0.55 / 200.0));
         gaps[0].max(gaps[1])
     };

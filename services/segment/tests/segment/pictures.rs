@@ -1,10 +1,8 @@
 //! What is taken for the sheet, as pictures of the mask (every fifth pixel).
 
-mod scene;
-
+use crate::scene::{Bench, DARK, Patch, SKIN, Scene, WHITE, camera, flat_sheet};
 use expect_test::{Expect, expect};
 use orime_segment::SegmentParams;
-use scene::{Bench, DARK, Patch, SKIN, Scene, WHITE, camera, flat_sheet};
 
 /// Shows the scenes in turn; the picture is of the last.
 fn check(scenes: &[Scene], expected: Expect) {
@@ -25,7 +23,9 @@ fn check_with(params: &SegmentParams, scenes: &[Scene], expected: Expect) {
 
 #[test]
 fn a_white_sheet_on_a_dark_table() {
-    check(&[Scene::new(vec![flat_sheet()])], expect![[r#"
+    check(
+        &[Scene::new(vec![flat_sheet()])],
+        expect![[r#"
         2640 points, 106 edgels
         ..............................
         ..............................
@@ -51,14 +51,17 @@ fn a_white_sheet_on_a_dark_table() {
         ..............................
         ..............................
         ..............................
-    "#]]);
+    "#]],
+    );
 }
 
 #[test]
 fn a_dark_sheet_on_a_bright_table() {
     let sheet = Patch { rgb: [120, 40, 45], ..flat_sheet() };
     let scene = Scene { table_rgb: [215, 205, 190], ..Scene::new(vec![sheet]) };
-    check(&[scene], expect![[r#"
+    check(
+        &[scene],
+        expect![[r#"
         2640 points, 106 edgels
         ..............................
         ..............................
@@ -84,13 +87,16 @@ fn a_dark_sheet_on_a_bright_table() {
         ..............................
         ..............................
         ..............................
-    "#]]);
+    "#]],
+    );
 }
 
 #[test]
 fn print_is_filled() {
     let print = Patch::facing([0.02, 0.01, 0.5999], [0.025, 0.03], [20, 20, 20]);
-    check(&[Scene::new(vec![flat_sheet(), print])], expect![[r#"
+    check(
+        &[Scene::new(vec![flat_sheet(), print])],
+        expect![[r#"
         2640 points, 106 edgels
         ..............................
         ..............................
@@ -116,14 +122,17 @@ fn print_is_filled() {
         ..............................
         ..............................
         ..............................
-    "#]]);
+    "#]],
+    );
 }
 
 #[test]
 fn a_hand_is_cut_out_and_splits_the_sheet() {
     let hand = Patch::facing([0.0, 0.05, 0.54], [0.05, 0.4], SKIN);
     let clear = Scene::new(vec![flat_sheet()]);
-    check(&[clear.clone(), Scene::new(vec![flat_sheet(), hand])], expect![[r#"
+    check(
+        &[clear.clone(), Scene::new(vec![flat_sheet(), hand])],
+        expect![[r#"
         1144 points, 72 edgels
         ..............................
         ..............................
@@ -149,7 +158,8 @@ fn a_hand_is_cut_out_and_splits_the_sheet() {
         ..............................
         ..............................
         ..............................
-    "#]]);
+    "#]],
+    );
 }
 
 #[test]
@@ -157,7 +167,9 @@ fn an_over_exposed_hand_has_the_sheets_colour_and_is_cut_out_by_depth() {
     let hand = Patch::facing([0.06, 0.05, 0.55], [0.05, 0.12], WHITE);
     let wrist = Patch::facing([0.06, 0.15, 0.55], [0.05, 0.1], SKIN);
     let clear = Scene::new(vec![flat_sheet()]);
-    check(&[clear, Scene::new(vec![flat_sheet(), hand, wrist])], expect![[r#"
+    check(
+        &[clear, Scene::new(vec![flat_sheet(), hand, wrist])],
+        expect![[r#"
         1799 points, 85 edgels
         ..............................
         ..............................
@@ -183,7 +195,8 @@ fn an_over_exposed_hand_has_the_sheets_colour_and_is_cut_out_by_depth() {
         ..............................
         ..............................
         ..............................
-    "#]]);
+    "#]],
+    );
 }
 
 #[test]
@@ -193,7 +206,9 @@ fn a_flap_that_stands_up_is_not_cut_off() {
     let angle = 60f64.to_radians();
     let centre = [0.05 * angle.cos(), 0.0, 0.6 - 0.05 * angle.sin()];
     let right = Patch::facing(centre, [0.1, 0.15], WHITE).turned([0.0, angle, 0.0]);
-    check(&[Scene::new(vec![flat_sheet()]), Scene::new(vec![left, right])], expect![[r#"
+    check(
+        &[Scene::new(vec![flat_sheet()]), Scene::new(vec![left, right])],
+        expect![[r#"
         2008 points, 88 edgels
         ..............................
         ..............................
@@ -219,13 +234,16 @@ fn a_flap_that_stands_up_is_not_cut_off() {
         ..............................
         ..............................
         ..............................
-    "#]]);
+    "#]],
+    );
 }
 
 #[test]
 fn a_flap_that_is_folded_over_has_an_edge_of_its_own() {
     let flap = Patch::facing([-0.03, 0.0, 0.57], [0.07, 0.1], WHITE).turned([0.0, 0.15, 0.0]);
-    check(&[Scene::new(vec![flat_sheet()]), Scene::new(vec![flat_sheet(), flap])], expect![[r#"
+    check(
+        &[Scene::new(vec![flat_sheet()]), Scene::new(vec![flat_sheet(), flap])],
+        expect![[r#"
         1724 points, 130 edgels
         ..............................
         ..............................
@@ -251,14 +269,17 @@ fn a_flap_that_is_folded_over_has_an_edge_of_its_own() {
         ..............................
         ..............................
         ..............................
-    "#]]);
+    "#]],
+    );
 }
 
 #[test]
 fn of_two_sheets_the_one_that_was_tracked_stays() {
     let other = Patch::facing([0.13, 0.1, 0.6], [0.1, 0.1], WHITE);
     let small = Patch::facing([-0.1, -0.06, 0.6], [0.14, 0.14], WHITE);
-    check(&[Scene::new(vec![small.clone()]), Scene::new(vec![small, other])], expect![[r#"
+    check(
+        &[Scene::new(vec![small.clone()]), Scene::new(vec![small, other])],
+        expect![[r#"
         1640 points, 86 edgels
         ..............................
         ..............................
@@ -284,16 +305,21 @@ fn of_two_sheets_the_one_that_was_tracked_stays() {
         ..............................
         ..............................
         ..............................
-    "#]]);
+    "#]],
+    );
 }
 
 #[test]
 fn the_hint_finds_what_the_start_would_not() {
     // The sheet leaves the picture, so nothing is learnt from it; a brighter thing is in view.
-    let sheet = Patch { rgb: [60, 90, 170], ..Patch::facing([-0.15, 0.0, 0.6], [0.2, 0.15], WHITE) };
+    let sheet =
+        Patch { rgb: [60, 90, 170], ..Patch::facing([-0.15, 0.0, 0.6], [0.2, 0.15], WHITE) };
     let bright = Patch::facing([0.1, 0.05, 0.6], [0.12, 0.12], WHITE);
     let params = SegmentParams { color_hint_rgb: Some([60, 90, 170]), ..SegmentParams::default() };
-    check_with(&params, &[Scene::new(vec![sheet, bright])], expect![[r#"
+    check_with(
+        &params,
+        &[Scene::new(vec![sheet, bright])],
+        expect![[r#"
         2420 points, 70 edgels
         ..............................
         ..............................
@@ -319,7 +345,8 @@ fn the_hint_finds_what_the_start_would_not() {
         ..............................
         ..............................
         ..............................
-    "#]]);
+    "#]],
+    );
 }
 
 #[test]
@@ -330,7 +357,9 @@ fn a_printed_cloth_before_black_is_found() {
         let rgb = [[200, 60, 40], [40, 120, 60], [230, 180, 60]][k % 3];
         patches.push(Patch::facing(at, [0.03, 0.03], rgb));
     }
-    check(&[Scene { table_rgb: [0; 3], ..Scene::new(patches) }], expect![[r#"
+    check(
+        &[Scene { table_rgb: [0; 3], ..Scene::new(patches) }],
+        expect![[r#"
         2640 points, 106 edgels
         ..............................
         ..............................
@@ -356,23 +385,33 @@ fn a_printed_cloth_before_black_is_found() {
         ..............................
         ..............................
         ..............................
-    "#]]);
+    "#]],
+    );
 }
 
 #[test]
 fn nothing_is_found_on_an_empty_table() {
-    check(&[Scene::new(vec![])], expect![[r#"
+    check(
+        &[Scene::new(vec![])],
+        expect![[r#"
         0 points, 0 edgels
         no mask
-    "#]]);
-    check(&[Scene { table_rgb: WHITE, ..Scene::new(vec![]) }], expect![[r#"
+    "#]],
+    );
+    check(
+        &[Scene { table_rgb: WHITE, ..Scene::new(vec![]) }],
+        expect![[r#"
         0 points, 0 edgels
         no mask
-    "#]]);
+    "#]],
+    );
     // As bright as a sheet, but a quarter of its area.
     let small = Patch::facing([0.0, 0.0, 0.6], [0.08, 0.08], WHITE);
-    check(&[Scene { table_rgb: DARK, ..Scene::new(vec![small]) }], expect![[r#"
+    check(
+        &[Scene { table_rgb: DARK, ..Scene::new(vec![small]) }],
+        expect![[r#"
         0 points, 0 edgels
         no mask
-    "#]]);
+    "#]],
+    );
 }

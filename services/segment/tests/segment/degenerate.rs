@@ -1,11 +1,9 @@
 //! Frames that show nothing, or nothing sensible.
 
-mod scene;
-
+use crate::scene::{Bench, Patch, Scene, WHITE, camera, flat_sheet};
 use orime_geometry::nalgebra::Isometry3;
 use orime_geometry::{CameraModel, RgbdCamera, RgbdFrame};
 use orime_segment::{ObservedMut, SegmentParams, SegmentReport};
-use scene::{Bench, Patch, Scene, WHITE, camera, flat_sheet};
 
 const PIXELS: usize = 150 * 120;
 
@@ -90,7 +88,7 @@ fn missing_and_wrong_sized_frames_are_counted() {
 #[test]
 fn a_camera_of_one_pixel_sees_nothing() {
     for (width, height) in [(1, 1), (3, 200), (200, 2), (64, 64)] {
-        let lens = CameraModel { width, height, ..scene::lens() };
+        let lens = CameraModel { width, height, ..crate::scene::lens() };
         let offset = Isometry3::translation(0.01, 0.0, 0.0);
         for color_from_depth in [Isometry3::identity(), offset] {
             let tiny = RgbdCamera {

@@ -1,0 +1,175 @@
+//! Looking at a running set: once, or for as long as somebody wants to.
+
+use std::io::{IsTerminal, Write};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, bail};
+use orime_messages::{Drops, RecordKind, Stage};
+use orime_probe::{Figures, Report};
+use orime_runtime::{Guest, RunEntry, Stop, now_ns, registered};
+use serde::Serialize;
+use signal_hook::consts::{SIGINT, SIGTERM};
+
+use crate::args::{Cli, Command};
+use crate::bench::{self, Bench};
+use crate::view;
+
+/// Time between two looks at the records.
+const TICK: Duration = Duration::from_millis(5);
+/// Time between two redraws.
+const REDRAW: Duration = Duration::from_millis(500);
+
+/// What `--once --json` prints.
+#[derive(Debug, Serialize)]
+struct Once {
+    run: String,
+    set: String,
+    pace: orime_runtime::Pace,
+    /// Seconds that were watched.
+    seconds: f64,
+    #[serde(flatten)]
+    report: Report,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    bench: Option<Bench>,
+}
+
+/// Runs the command.
+pub fn run(cli: &Cli) -> anyhow::Result<()> {
+    match &cli.command {
+        Some(Command::Receive { run, frame_bytes }) => return bench::receive(run, *frame_bytes),
+        Some(Command::Bench { frame_bytes, frames }) => {
+            let bench = bench::run(*frame_bytes, *frames)?;
+            return if cli.json {
+                print_json(&bench)
+            } else {
+                Ok(print!("{}", view::bench(&bench)))
+            };
+        }
+        None => {}
+    }
+    let entry = find(cli.run.as_deref())?;
+    let run = entry.run_id().context("the registry holds something else than runs")?;
+    let stop = Stop::new();
+    for signal in [SIGINT, SIGTERM] {
+        signal_hook::flag::register(signal, stop.flag())?;
+    }
+    let guest = Guest::attach(run, entry.pace, false, stop.clone())?;
+    let mut watched = Watched { guest, figures: Figures::new(), since: Instant::now(), entry };
+    if cli.once { once(cli, &mut watched, &stop) } else { live(&mut watched, &stop) }
+}
+
+/// The run that is meant.
+fn find(run: Option<&str>) -> anyhow::Result<RunEntry> {
+    let mut living = registered().context("reading the registry of runs")?;
+    living.retain(|entry| entry.is_alive() && run.is_none_or(|run| entry.run == run));
+    match (living.len(), run) {
+        (1, _) => Ok(living.remove(0)),
+        (0, Some(run)) => bail!("run {run} is not there: `orime ps` shows what runs"),
+        (0, None) => bail!("no set runs: start one with `orime up` or `deploy/up`"),
+        _ => {
+            let runs: Vec<String> = living.into_iter().map(|entry| entry.run).collect();
+            bail!("several sets run, name one with --run: {}", runs.join(", "))
+        }
+    }
+}
+
+struct Watched {
+    guest: Guest,
+    figures: Figures,
+    since: Instant,
+    entry: RunEntry,
+}
+
+impl Watched {
+    /// Takes in all records that are there; `false` once the set has ended.
+    fn read(&mut self) -> anyhow::Result<bool> {
+        while let Some(record) = self.guest.records.try_next()? {
+            self.figures.add(&record);
+            if record.kind() == Some(RecordKind::Ended)
+                && record.header.stage == Stage::Simulate as u32
+            {
+                return Ok(false);
+            }
+        }
+        Ok(self.entry.is_alive())
+    }
+
+    /// Records that came faster than they were read; figures then miss some steps.
+    fn missed(&self) -> u64 {
+        let Drops { overflow, superseded, .. } = self.guest.records.drops();
+        overflow + superseded
+    }
+}
+
+fn once(cli: &Cli, watched: &mut Watched, stop: &Stop) -> anyhow::Result<()> {
+    let watch = Duration::from_secs_f64(cli.seconds.clamp(0.1, 86_400.0));
+    let mut goes_on = true;
+    let mut running_bench = None;
+    while goes_on && !stop.requested() {
+        let bench_runs = running_bench.as_ref().is_some_and(|b: &bench::Background| b.runs());
+        if watched.since.elapsed() > watch && !bench_runs {
+            break;
+        }
+        goes_on = watched.read()?;
+        let frame_bytes = watched.figures.frame_bytes() as usize;
+        if cli.bench && running_bench.is_none() && frame_bytes > 0 {
+            running_bench = Some(bench::Background::start(frame_bytes)?);
+        }
+        std::thread::sleep(TICK);
+    }
+    let bench = running_bench.map(bench::Background::finish).transpose()?;
+    if cli.bench && bench.is_none() {
+        bail!("no frame was seen in {:.1} s, so there is no size to measure with", cli.seconds);
+    }
+    if watched.missed() > 0 {
+        eprintln!("orime-probe: {} records came too fast and were missed", watched.missed());
+    }
+    let report = watched.figures.report(now_ns());
+    if cli.json {
+        return print_json(&Once {
+            run: watched.entry.run.clone(),
+            set: watched.entry.name.clone(),
+            pace: watched.entry.pace,
+            seconds: watched.since.elapsed().as_secs_f64(),
+            report,
+            bench,
+        });
+    }
+    print!("{}", view::report(&watched.entry, &report));
+    if let Some(bench) = &bench {
+        print!("\n{}", view::bench(bench));
+    }
+    Ok(())
+}
+
+fn live(watched: &mut Watched, stop: &Stop) -> anyhow::Result<()> {
+    let mut out = std::io::stdout();
+    if !out.is_terminal() {
+        bail!("the live view needs a terminal; use --once (and --json) elsewhere");
+    }
+    let mut shown: Option<Instant> = None;
+    loop {
+        let goes_on = watched.read()?;
+        if shown.is_none_or(|shown| shown.elapsed() > REDRAW) || !goes_on {
+            shown = Some(Instant::now());
+            let text = view::report(&watched.entry, &watched.figures.report(now_ns()));
+            // Home, text with each line cleared to its end, the rest of the screen cleared.
+            write!(out, "\x1b[H{}\x1b[J", text.replace('\n', "\x1b[K\n"))?;
+            out.flush()?;
+        }
+        if !goes_on {
+            println!("the set has ended");
+            return Ok(());
+        }
+        if stop.requested() {
+            println!();
+            return Ok(());
+        }
+        std::thread::sleep(TICK);
+    }
+}
+
+fn print_json<T: Serialize>(value: &T) -> anyhow::Result<()> {
+    println!("{}", serde_json::to_string_pretty(value)?);
+    Ok(())
+}

@@ -1,0 +1,6 @@
+//! Tests of segmentation on rendered scenes, and of what it does with senseless frames.
+
+mod degenerate;
+mod measured;
+mod pictures;
+mod scene;

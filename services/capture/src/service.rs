@@ -73,7 +73,8 @@ impl Capture {
         }
     }
 
-    /// Publishes one frame set; `false` if somebody asked to stop while it waited.
+    /// Publishes one frame set, whole even if somebody asks to stop meanwhile; `false` if its
+    /// consumers did not take it for long after that.
     fn publish_set(&mut self, step: u64) -> anyhow::Result<bool> {
         let n_cameras = self.source.cameras().len();
         for camera in 0..n_cameras {

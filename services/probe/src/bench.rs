@@ -142,9 +142,9 @@ pub fn run(frame_bytes: usize, frames: usize) -> anyhow::Result<Bench> {
         std::thread::sleep(GAP);
     }
     publisher.send_end(&link.header())?;
-    for _ in 0..5 {
-        datagram[..8].copy_from_slice(&LAST.to_le_bytes());
-        socket.send(&datagram[..DATAGRAM_HEADER])?;
+    datagram[..8].copy_from_slice(&LAST.to_le_bytes());
+    // Again and again, for one may get lost, until the receiver is gone and refuses.
+    while socket.send(&datagram[..DATAGRAM_HEADER]).is_ok() {
         std::thread::sleep(GAP);
     }
     let mut text = String::new();

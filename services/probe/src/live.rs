@@ -29,6 +29,9 @@ struct Once {
     seconds: f64,
     #[serde(flatten)]
     report: Report,
+    /// Median transport of the set's frames over that of UDP, measured in the same seconds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    frame_transport_over_udp_p50: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     bench: Option<Bench>,
 }
@@ -126,7 +129,10 @@ fn once(cli: &Cli, watched: &mut Watched, stop: &Stop) -> anyhow::Result<()> {
     }
     let report = watched.figures.report(now_ns());
     if cli.json {
+        let transport_us = report.hops.capture_to_segment.transport_us.p50;
+        let udp_us = bench.as_ref().and_then(|bench| bench.udp_us.p50);
         return print_json(&Once {
+            frame_transport_over_udp_p50: transport_us.zip(udp_us).map(|(ours, udp)| ours / udp),
             run: watched.entry.run.clone(),
             set: watched.entry.name.clone(),
             pace: watched.entry.pace,

@@ -5,8 +5,8 @@ use crate::expectation::{Candidates, expect_cell};
 use orime_geometry::SheetGrid;
 use std::ops::Range;
 
-/// σ beyond which a component is not asked about a point: exp(−4²/2) = 3e-4.
-const CUTOFF_SIGMAS: f32 = 4.0;
+/// σ beyond which a component is not asked about a point: exp(−3.5²/2) = 2e-3.
+const CUTOFF_SIGMAS: f32 = 3.5;
 /// Most cells of the lookup grid along an axis.
 const CELLS_MAX: usize = 48;
 

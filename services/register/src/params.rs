@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RegisterParams {
-    /// Most iterations of expectation maximisation per frame. Time grows with it. Default 15.
+    /// Most iterations of expectation maximisation per frame. Time grows with it. Default 12.
     pub iterations_max: u32,
     /// Stop once no node moves farther than this in an iteration, fraction of the sheet.
     /// Default 0.0003 (0.05 mm on 0.15 m).
@@ -45,7 +45,7 @@ pub struct RegisterParams {
     pub flatness: f64,
     /// Share of the last step's motion that the prediction continues. Default 0.8.
     pub momentum: f64,
-    /// Most points used of a cloud; more are thinned evenly. Default 4000.
+    /// Most points used of a cloud; more are thinned evenly. Default 2000.
     pub points_max: usize,
     /// Fewest points that can constrain the pose. Default 60.
     pub points_min: usize,
@@ -63,7 +63,7 @@ pub struct RegisterParams {
 impl Default for RegisterParams {
     fn default() -> Self {
         Self {
-            iterations_max: 15,
+            iterations_max: 12,
             move_tolerance: 0.0003,
             kernel_width: 0.3,
             prediction_error: 0.033,
@@ -76,7 +76,7 @@ impl Default for RegisterParams {
             isometry_sweeps: 10,
             flatness: 0.5,
             momentum: 0.8,
-            points_max: 4000,
+            points_max: 2000,
             points_min: 60,
             outline_weight: 1.0,
             targets_everywhere: true,

@@ -22,6 +22,16 @@ impl BitImage {
         self.bits[y * self.words + x / 64] >> (x % 64) & 1 == 1
     }
 
+    /// The pixel at a bit address, `64 words y + x`.
+    pub fn get_at(&self, address: u32) -> bool {
+        self.bits[address as usize / 64] >> (address % 64) & 1 == 1
+    }
+
+    /// Sets the pixel at a bit address, `64 words y + x`.
+    pub fn set_at(&mut self, address: u32) {
+        self.bits[address as usize / 64] |= 1 << (address % 64);
+    }
+
     /// [`Self::get`], with nothing set outside the image.
     pub fn get_or_unset(&self, x: i32, y: i32) -> bool {
         (0..self.width as i32).contains(&x)
@@ -47,6 +57,13 @@ impl BitImage {
             rest if rest >= 64 => !0,
             rest => (1 << rest) - 1,
         }
+    }
+
+    /// Whether a pixel of the outermost rows or columns is set.
+    pub fn touches_border(&self) -> bool {
+        let (last_x, last_y) = (self.width - 1, self.height - 1);
+        (0..=last_x).any(|x| self.get(x, 0) || self.get(x, last_y))
+            || (0..=last_y).any(|y| self.get(0, y) || self.get(last_x, y))
     }
 
     pub fn clear(&mut self) {

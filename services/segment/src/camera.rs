@@ -22,8 +22,9 @@ const REGION_PX: usize = 16;
 /// Smallest part of the sheet that something in front cuts off, as a share of its area.
 const PIECE_SHARE_MIN: f64 = 0.003;
 
-/// The colours next to the sheet are taken between these distances from its mask, pixels.
-const RING_PX: [usize; 2] = [3, 16];
+/// In this many frames all colours that may be the sheet's are tried; then one a frame, in turn,
+/// so that waiting for the sheet is not dearer than tracking it.
+const EAGER_ATTEMPTS: u32 = 3;
 
 /// What became of one camera's frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -47,6 +48,8 @@ pub(crate) struct CameraSegmenter {
     learner: Learner,
     /// Frames since the sheet was seen.
     missed: u32,
+    /// Frames from which a colour was to be learnt, since one was.
+    attempts: u32,
     /// How many times the smallest area is needed to learn a colour.
     learn_factor: f32,
     map: DepthMap,
@@ -119,6 +122,7 @@ impl CameraSegmenter {
             table: None,
             learner: Learner::new(width, height, params.seed),
             missed: 0,
+            attempts: 0,
             learn_factor: (params.learn_area_ratio_min / params.area_ratio_min) as f32,
             steps: Steps::new(&map, params),
             selector: Selector::new(map.width, map.height),
@@ -171,6 +175,7 @@ impl CameraSegmenter {
             return Outcome::NoSheet;
         }
         self.missed = 0;
+        self.attempts = 0;
         self.take_points();
         self.take_edgels(frame.color_rgb);
         Outcome::Sheet
@@ -181,10 +186,17 @@ impl CameraSegmenter {
         let (hint, back) = (self.params.color_hint_rgb, self.params.back_color_hint_rgb);
         let hints: Vec<[u8; 3]> = hint.into_iter().chain(back).collect();
         let least = if hint.is_some() { 1.0 } else { self.learn_factor };
-        for proposal in self.learner.propose(frame.color_rgb, &hints) {
+        let proposals = self.learner.propose(frame.color_rgb, &hints);
+        let turn =
+            self.attempts.checked_sub(EAGER_ATTEMPTS).map(|n| n as usize % proposals.len().max(1));
+        self.attempts = self.attempts.saturating_add(1);
+        for (k, proposal) in proposals.into_iter().enumerate() {
+            if turn.is_some_and(|turn| turn != k) {
+                continue;
+            }
             let found = self.find_sheet(frame.color_rgb, &proposal.table);
             let large = found.is_some_and(|area_m2| area_m2 >= least * self.size.area_m2_min);
-            if large && (hint.is_some() || !self.mask_at_border()) {
+            if large && (hint.is_some() || !self.color.mask.touches_border()) {
                 return self.settle(frame, proposal);
             }
         }
@@ -194,13 +206,8 @@ impl CameraSegmenter {
     /// Takes over a proposal that found the sheet, told apart from what lies next to the sheet.
     fn settle(&mut self, frame: &RgbdFrame<'_>, proposal: Proposal) -> bool {
         if !proposal.seeds.is_empty() {
-            let color = &mut self.color;
-            color.eroded.copy_from(&color.mask);
-            color.eroded.dilate(RING_PX[0], &mut color.scratch);
-            color.around.copy_from(&color.mask);
-            color.around.dilate(RING_PX[1], &mut color.scratch);
-            color.around.and_not(&color.eroded);
-            let table = self.learner.refine(frame.color_rgb, &proposal.seeds, &color.around);
+            let mask = &self.color.mask;
+            let table = self.learner.refine(frame.color_rgb, &proposal.seeds, mask);
             if self.find_sheet(frame.color_rgb, &table).is_some() {
                 self.table = Some(table);
                 return true;
@@ -209,13 +216,6 @@ impl CameraSegmenter {
         let found = self.find_sheet(frame.color_rgb, &proposal.table).is_some();
         self.table = Some(proposal.table);
         found
-    }
-
-    fn mask_at_border(&self) -> bool {
-        let mask = &self.color.mask;
-        let (last_x, last_y) = (mask.width - 1, mask.height - 1);
-        (0..=last_x).any(|x| mask.get(x, 0) || mask.get(x, last_y))
-            || (0..=last_y).any(|y| mask.get(0, y) || mask.get(last_x, y))
     }
 
     /// From colours to the accepted patches of depth and the colour mask; the visible area, m².

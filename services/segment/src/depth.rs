@@ -77,21 +77,72 @@ impl WorldRow<'_> {
 /// How the colour camera sees the depth image's points.
 #[derive(Debug)]
 struct ColorLens {
-    rays: Rays,
+    /// Viewing rays of the depth pixels in the colour frame, by coordinate: a point is
+    /// `origin_m + z ray`.
+    rays: [Vec<f32>; 3],
+    origin_m: [f32; 3],
     lens: CameraModel,
-    /// Colour pixel (row-major) of each depth pixel of the loaded image.
+    /// Bit address of each depth pixel's colour pixel, for the loaded image.
     pixels: Vec<u32>,
+    /// Bit addresses per row.
+    stride: u32,
+}
+
+impl ColorLens {
+    fn new(camera: &RgbdCamera) -> Self {
+        let rays = Rays::new(&camera.depth, &camera.color_from_depth);
+        let coordinate = |axis: usize| rays.rays.iter().map(|ray| ray[axis]).collect();
+        Self {
+            rays: [coordinate(0), coordinate(1), coordinate(2)],
+            origin_m: rays.origin_m,
+            lens: camera.color.clone(),
+            pixels: vec![NOWHERE; camera.depth.pixels()],
+            stride: camera.color.width.next_multiple_of(64),
+        }
+    }
+
+    /// Finds the colour pixels of a row of depth pixels from `start` on:
+    /// `K D(origin + z ray)`, to the nearest centre.
+    fn project_row(&mut self, start: usize, z_m: &[f32]) {
+        let lens = &self.lens;
+        let (width, height) = (lens.width as f32, lens.height as f32);
+        let [fx, fy, cx, cy] =
+            [lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px].map(|value| value as f32);
+        let [k1, k2, p1, p2, k3] = lens.distortion.map(|value| value as f32);
+        let [origin_x, origin_y, origin_z] = self.origin_m;
+        let range = start..start + z_m.len();
+        let [rays_x, rays_y, rays_z] = &self.rays;
+        let rays = rays_x[range.clone()].iter().zip(&rays_y[range.clone()]);
+        let rays = rays.zip(&rays_z[range.clone()]);
+        for ((pixel, z), ((ray_x, ray_y), ray_z)) in
+            self.pixels[range].iter_mut().zip(z_m).zip(rays)
+        {
+            let depth = origin_z + z * ray_z;
+            let inverse = 1.0 / depth;
+            let x = (origin_x + z * ray_x) * inverse;
+            let y = (origin_y + z * ray_y) * inverse;
+            let r2 = x * x + y * y;
+            let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+            let u = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x);
+            let v = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y;
+            let (u, v) = (fx * u + cx + 0.5, fy * v + cy + 0.5);
+            // NaN (no depth) fails every comparison.
+            let inside = (depth > 0.0) & (0.0 <= u) & (u < width) & (0.0 <= v) & (v < height);
+            let (u, v) = if inside { (u, v) } else { (0.0, 0.0) };
+            // SAFETY: both are finite and in [0, 2^31), or 0. The checked conversion keeps this
+            // loop, a third of this camera's time, from running on whole vectors.
+            let (u, v) = unsafe { (u.to_int_unchecked::<i32>(), v.to_int_unchecked::<i32>()) };
+            let at = v as u32 * self.stride + u as u32;
+            *pixel = if inside { at } else { NOWHERE };
+        }
+    }
 }
 
 impl DepthMap {
     pub fn new(camera: &RgbdCamera, params: &SegmentParams) -> Self {
         let (width, height) = (camera.depth.width as usize, camera.depth.height as usize);
         let stride = width.next_multiple_of(64) + 2 * PAD;
-        let color = (!camera.depth_is_registered()).then(|| ColorLens {
-            rays: Rays::new(&camera.depth, &camera.color_from_depth),
-            lens: camera.color.clone(),
-            pixels: vec![NOWHERE; camera.depth.pixels()],
-        });
+        let color = (!camera.depth_is_registered()).then(|| ColorLens::new(camera));
         Self {
             width,
             height,
@@ -177,9 +228,8 @@ impl DepthMap {
                 while rest != 0 {
                     let bit = rest.trailing_zeros();
                     rest &= rest - 1;
-                    let at = chunk[bit as usize] as usize;
-                    let set = chunk[bit as usize] != NOWHERE
-                        && mask.get(at % mask.width, at / mask.width);
+                    let at = chunk[bit as usize];
+                    let set = at != NOWHERE && mask.get_at(at);
                     word |= u64::from(set) << bit;
                 }
                 out.row_mut(y)[k] = word;
@@ -201,7 +251,7 @@ impl DepthMap {
                     rest &= rest - 1;
                     let at = color.pixels[y * self.width + x];
                     if at != NOWHERE {
-                        out.set(at as usize % out.width, at as usize / out.width);
+                        out.set_at(at);
                     }
                 }
             }
@@ -212,8 +262,8 @@ impl DepthMap {
     pub fn color_pixel(&self, x: usize, y: usize) -> Option<(usize, usize)> {
         let Some(color) = &self.color else { return Some((x, y)) };
         let at = color.pixels[y * self.width + x];
-        let width = color.lens.width as usize;
-        (at != NOWHERE).then_some((at as usize % width, at as usize / width))
+        let stride = color.stride as usize;
+        (at != NOWHERE).then_some((at as usize % stride, at as usize / stride))
     }
 
     fn index(&self, x: i32, y: i32) -> usize {
@@ -235,34 +285,12 @@ impl DepthMap {
         }
     }
 
-    /// Finds each depth pixel's colour pixel: `K D(R z ray + t)`, to the nearest centre.
+    /// Finds each depth pixel's colour pixel.
     fn project(&mut self) {
         let Some(color) = &mut self.color else { return };
-        let lens = &color.lens;
-        let (width, height) = (lens.width as f32, lens.height as f32);
-        let [fx, fy, cx, cy] =
-            [lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px].map(|value| value as f32);
-        let [k1, k2, p1, p2, k3] = lens.distortion.map(|value| value as f32);
-        let origin = color.rays.origin_m;
         for y in 0..self.height {
             let start = (y + PAD) * self.stride + PAD;
-            let z_m = &self.z_m[start..start + self.width];
-            let range = y * self.width..(y + 1) * self.width;
-            let rays = &color.rays.rays[range.clone()];
-            for ((pixel, z), ray) in color.pixels[range].iter_mut().zip(z_m).zip(rays) {
-                let depth = origin[2] + z * ray[2];
-                let inverse = 1.0 / depth;
-                let x = (origin[0] + z * ray[0]) * inverse;
-                let y = (origin[1] + z * ray[1]) * inverse;
-                let r2 = x * x + y * y;
-                let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
-                let u = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x);
-                let v = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y;
-                let (u, v) = (fx * u + cx + 0.5, fy * v + cy + 0.5);
-                // NaN (no depth) fails every comparison.
-                let inside = depth > 0.0 && 0.0 <= u && u < width && 0.0 <= v && v < height;
-                *pixel = if inside { v as u32 * lens.width + u as u32 } else { NOWHERE };
-            }
+            color.project_row(y * self.width, &self.z_m[start..start + self.width]);
         }
     }
 }

@@ -37,6 +37,9 @@ const SKIN: [Feature; 3] = [[0.5, -0.2, 1.93], [0.5, -0.22, 1.82], [0.55, -0.25,
 /// A sheet this near to skin is not told from hands by colour.
 const SKIN_LIKE: f32 = 0.3;
 
+/// The colours next to the sheet are taken between these distances from its mask, pixels.
+const RING_PX: [usize; 2] = [3, 16];
+
 /// Clusters of the colours next to the sheet.
 const RING_CLUSTERS: usize = 6;
 
@@ -59,6 +62,8 @@ pub(crate) struct Learner {
     /// Sums of brightness and of its square down each column of the window.
     columns: Vec<[u32; 2]>,
     flat: BitImage,
+    inner: BitImage,
+    scratch: BitImage,
     components: Components,
     samples: Vec<Feature>,
 }
@@ -70,6 +75,8 @@ impl Learner {
             gray: vec![0; width * height],
             columns: vec![[0; 2]; width],
             flat: BitImage::new(width, height),
+            inner: BitImage::new(width, height),
+            scratch: BitImage::new(width, height),
             components: Components::new(width, height),
             samples: Vec::with_capacity(width * height),
         }
@@ -116,11 +123,17 @@ impl Learner {
         is_plain.then(|| Proposal { table: table(), seeds: Vec::new() })
     }
 
-    /// The table of `seeds` against this picture's border and the colours of `ring`, pixels next
-    /// to the sheet.
-    pub fn refine(&mut self, color_rgb: &[u8], seeds: &[Feature], ring: &BitImage) -> ColorTable {
+    /// The table of `seeds` against this picture's border and the colours around `mask`.
+    pub fn refine(&mut self, color_rgb: &[u8], seeds: &[Feature], mask: &BitImage) -> ColorTable {
         let mut around = self.border_clusters(color_rgb);
+        let [near, far] = RING_PX;
+        self.flat.copy_from(mask);
+        self.flat.dilate(far, &mut self.scratch);
+        self.inner.copy_from(mask);
+        self.inner.dilate(near, &mut self.scratch);
+        self.flat.and_not(&self.inner);
         self.samples.clear();
+        let ring = &self.flat;
         for y in 0..ring.height {
             let pixels = (0..ring.width).filter(|x| (x + y) % 3 == 0 && ring.get(*x, y));
             self.samples.extend(pixels.map(|x| feature_at(color_rgb, y * ring.width + x)));

@@ -65,7 +65,7 @@ pub struct SegmentParams {
     pub voxel_m: f64,
     /// Rough distance between edgels along the outline, pixels. Default 2.
     pub edgel_spacing_px: usize,
-    /// Smallest contrast across the outline that makes an edgel, of 255. Default 24.
+    /// Smallest contrast across the outline that makes an edgel, of 255. Default 24.0.
     pub contrast_min: f64,
     /// Whether steps in depth inside the mask (the edge of a flap) become edgels. Default true.
     pub inner_edgels: bool,
@@ -222,7 +222,7 @@ mod tests {
         let mut checked = 0;
         for line in fields.lines().map(str::trim) {
             if let Some((_, value)) = line.split_once("Default ") {
-                documented = Some(value.trim_end_matches('.').to_owned());
+                documented = Some(value.strip_suffix('.').unwrap_or(value).to_owned());
             } else if let Some(field) = line.strip_prefix("pub ") {
                 let Some((name, _)) = field.split_once(':') else { continue };
                 let value = documented.take().unwrap_or_else(|| panic!("no default for {name}"));

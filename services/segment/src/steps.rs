@@ -149,25 +149,23 @@ impl Steps {
                     rest &= rest - 1;
                     let x = 64 * k + bit as usize;
                     if after_gap >> bit & 1 == 1 {
-                        let before = (2..=LEVEL_GAP_MAX_PX.min(x)).map(|n| (x - n, y));
-                        self.compare_gap(map, before, (x, y));
+                        let mut before = (2..=LEVEL_GAP_MAX_PX.min(x)).map(|n| x - n);
+                        if let Some(left) = before.find(|left| map.valid.get(*left, y)) {
+                            self.compare_gap(map, (left, y), (x, y));
+                        }
                     }
                     if below_gap >> bit & 1 == 1 {
-                        let before = (2..=LEVEL_GAP_MAX_PX.min(y)).map(|n| (x, y - n));
-                        self.compare_gap(map, before, (x, y));
+                        let mut before = (2..=LEVEL_GAP_MAX_PX.min(y)).map(|n| y - n);
+                        if let Some(up) = before.find(|up| map.valid.get(x, *up)) {
+                            self.compare_gap(map, (x, up), (x, y));
+                        }
                     }
                 }
             }
         }
     }
 
-    fn compare_gap(
-        &mut self,
-        map: &DepthMap,
-        mut before: impl Iterator<Item = (usize, usize)>,
-        b: (usize, usize),
-    ) {
-        let Some(a) = before.find(|(x, y)| map.valid.get(*x, *y)) else { return };
+    fn compare_gap(&mut self, map: &DepthMap, a: (usize, usize), b: (usize, usize)) {
         let z_m = |p: (usize, usize)| map.z_m(p.0 as i32, p.1 as i32);
         let (near, far) = if z_m(a) < z_m(b) { (a, b) } else { (b, a) };
         let gap_px = (b.0 - a.0 + b.1 - a.1) as f32;

@@ -268,5 +268,8 @@ fn failed(process: &mut Process, what: &str) -> Ending {
     let tail = process.log_tail();
     let log = process.log.display();
     let name = process.stage.name();
+    if tail.is_empty() {
+        return Ending::Failed(format!("stage `{name}`: {what}; its log `{log}` is empty"));
+    }
     Ending::Failed(format!("stage `{name}`: {what}; its log `{log}` ends:\n{tail}"))
 }

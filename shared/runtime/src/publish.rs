@@ -1,7 +1,7 @@
 //! Publishing: messages are written in place, in shared memory.
 
 use std::mem::MaybeUninit;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher as Port;
@@ -9,7 +9,9 @@ use iceoryx2::port::{BackpressureAction, BackpressureInfo, LoanError};
 use iceoryx2::prelude::IceoryxSend;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use orime_geometry::{RgbdCamera, RgbdFrameMut};
-use orime_messages::{CameraMeta, FLAG_END, FrameExtent, FrameMeta, FrameStatus, Header, Message};
+use orime_messages::{
+    CameraMeta, FLAG_END, FrameExtent, FrameMeta, FrameStatus, Header, Message, Stage,
+};
 
 use crate::channel::{self, Channel, LOANS_MAX};
 use crate::error::RuntimeError;
@@ -20,6 +22,14 @@ use crate::wire::Wire;
 
 /// How long a publisher sleeps before it looks again for a free message in its pool.
 const POOL_POLL: Duration = Duration::from_micros(200);
+
+/// How long capture goes on waiting for its consumers after it was asked to stop: for it, that
+/// means to end the stream, and the end must arrive. The others end at once.
+const CAPTURE_GRACE: Duration = Duration::from_secs(8);
+
+fn grace(stage: Stage) -> Duration {
+    if stage == Stage::Capture { CAPTURE_GRACE } else { Duration::ZERO }
+}
 
 /// What handing a message over gave.
 #[derive(Debug, Clone, Copy)]
@@ -52,6 +62,7 @@ struct Outlet {
     identity: Header,
     sent: u64,
     stop: Stop,
+    grace: Duration,
 }
 
 impl Outlet {
@@ -62,6 +73,7 @@ impl Outlet {
             identity: link.header(),
             sent: 0,
             stop: link.stop().clone(),
+            grace: grace(link.identity().stage),
         })
     }
 
@@ -70,13 +82,20 @@ impl Outlet {
         &self,
         mut attempt: impl FnMut() -> Result<S, LoanError>,
     ) -> Result<Option<S>, RuntimeError> {
+        let mut asked: Option<Instant> = None;
         loop {
             match attempt() {
                 Ok(sample) => return Ok(Some(sample)),
-                Err(LoanError::OutOfMemory) if self.stop.requested() => return Ok(None),
-                Err(LoanError::OutOfMemory) => std::thread::sleep(POOL_POLL),
+                Err(LoanError::OutOfMemory) => {}
                 Err(error) => return Err(RuntimeError::channel(self.channel, "loaning", error)),
             }
+            if self.stop.requested() {
+                let asked = asked.get_or_insert_with(Instant::now);
+                if asked.elapsed() >= self.grace {
+                    return Ok(None);
+                }
+            }
+            std::thread::sleep(POOL_POLL);
         }
     }
 
@@ -103,23 +122,23 @@ impl Outlet {
     }
 }
 
-/// A port of the channel's pool size whose sender waits for a full subscriber until `stop`.
+/// A port of the channel's pool size whose sender waits for a full subscriber until it is asked to stop.
 fn port<'f, P, H>(
     factory: &'f PortFactory<Ipc, P, H>,
     pool: usize,
-    stop: &Stop,
+    link: &Link,
 ) -> iceoryx2::service::port_factory::publisher::PortFactoryPublisher<'f, Ipc, P, H>
 where
     P: IceoryxSend + std::fmt::Debug + ?Sized,
     H: iceoryx2::prelude::ZeroCopySend + std::fmt::Debug,
 {
-    let stop = stop.clone();
+    let (stop, grace) = (link.stop().clone(), grace(link.identity().stage));
     factory
         .publisher_builder()
         .max_loaned_samples(LOANS_MAX)
         .override_sample_preallocation(move |_| pool)
-        .set_backpressure_handler(move |_: &BackpressureInfo| {
-            if stop.requested() {
+        .set_backpressure_handler(move |info: &BackpressureInfo| {
+            if stop.requested() && info.elapsed_time >= grace {
                 return BackpressureAction::DiscardData;
             }
             std::thread::sleep(POOL_POLL);
@@ -131,7 +150,7 @@ impl<M: Message> Publisher<M> {
     pub(crate) fn new(link: &Link, channel: &Channel<M>) -> Result<Self, RuntimeError> {
         let factory = link.typed(channel, Mode::OpenOrCreate)?;
         let identity = link.identity();
-        let port = port(&factory, channel.pool(identity.pace, identity.cameras), link.stop())
+        let port = port(&factory, channel.pool(identity.pace, identity.cameras), link)
             .create()
             .map_err(|error| RuntimeError::channel(channel.name, "making a publisher", error))?;
         Ok(Self { port, outlet: Outlet::new(link, channel)? })
@@ -209,7 +228,7 @@ impl FramePublisher {
             cameras.iter().map(|camera| FrameExtent::of(camera).total_bytes()).max().unwrap_or(1);
         let factory = link.frames(channel)?;
         let identity = link.identity();
-        let port = port(&factory, channel.pool(identity.pace, identity.cameras), link.stop())
+        let port = port(&factory, channel.pool(identity.pace, identity.cameras), link)
             .initial_max_slice_len(frame_bytes)
             .create()
             .map_err(|error| RuntimeError::channel(channel.name, "making a publisher", error))?;

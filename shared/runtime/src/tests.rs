@@ -163,7 +163,7 @@ fn a_stopped_publisher_does_not_wait_for_ever() {
     let run = Run::new();
     let reader = run.join(Stage::Judge, Pace::Lockstep);
     let _truth = Subscription::new(&reader, &channel::TRUTH, Mode::OpenOrCreate).unwrap();
-    let writer = run.join(Stage::Capture, Pace::Lockstep);
+    let writer = run.join(Stage::Judge, Pace::Lockstep);
     let mut publisher = Publisher::<Truth>::new(&writer, &channel::TRUTH).unwrap();
     writer.stop().request();
     // Nobody reads: the pool runs dry, and then the answer is `None`.

@@ -1,5 +1,7 @@
 //! The judge: scores steps as they come, beside the set or in one process with it.
 
+use std::collections::BTreeMap;
+
 use orime_geometry::{Edgel, ObservedPoint, RgbdCamera, SheetGrid};
 
 use crate::scores;
@@ -104,11 +106,12 @@ impl Judge {
         score.e_at_truth_mm = scores::e_m(cloud, truth).map(mm);
     }
 
-    /// Adds times that became known after the step was scored; unknown steps are ignored.
-    pub fn add_times(&mut self, step: u64, add: impl FnOnce(&mut StageMs)) {
-        // Records come soon after their step: search from the back.
-        if let Some(score) = self.steps.iter_mut().rev().find(|score| score.step == step) {
-            add(&mut score.ms);
+    /// Sets the times of steps that were scored before their times were known.
+    pub fn set_times(&mut self, times: &BTreeMap<u64, StageMs>) {
+        for score in &mut self.steps {
+            if let Some(ms) = times.get(&score.step) {
+                score.ms = *ms;
+            }
         }
     }
 

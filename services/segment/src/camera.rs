@@ -7,6 +7,7 @@ use crate::color_model::ColorTable;
 use crate::components::Components;
 use crate::contour::Contour;
 use crate::depth::DepthMap;
+use crate::images::{ColorImages, DepthImages};
 use crate::inner_edge;
 use crate::learn::{Learner, Proposal};
 use crate::mask::{Accepted, MaskBuilder};
@@ -67,31 +68,6 @@ pub(crate) struct CameraSegmenter {
     pub edgels: Vec<Edgel>,
     /// Edgels that found no room.
     pub edgels_left_out: u32,
-}
-
-/// Binary images of the colour camera's size.
-#[derive(Debug)]
-struct ColorImages {
-    candidate: BitImage,
-    /// The sheet, print filled in.
-    mask: BitImage,
-    eroded: BitImage,
-    around: BitImage,
-    occluded: BitImage,
-    scratch: BitImage,
-}
-
-/// Binary images of the depth camera's size.
-#[derive(Debug)]
-struct DepthImages {
-    sheet_colored: BitImage,
-    region: BitImage,
-    surface: BitImage,
-    accepted: BitImage,
-    refused: BitImage,
-    /// Pixels whose points were taken; kept for the next frame.
-    sheet: BitImage,
-    scratch: BitImage,
 }
 
 impl CameraSegmenter {
@@ -298,35 +274,6 @@ impl CameraSegmenter {
                 self.index,
                 &mut self.edgels,
             );
-        }
-    }
-}
-
-impl ColorImages {
-    fn new(width: usize, height: usize) -> Self {
-        let image = || BitImage::new(width, height);
-        Self {
-            candidate: image(),
-            mask: image(),
-            eroded: image(),
-            around: image(),
-            occluded: image(),
-            scratch: image(),
-        }
-    }
-}
-
-impl DepthImages {
-    fn new(width: usize, height: usize) -> Self {
-        let image = || BitImage::new(width, height);
-        Self {
-            sheet_colored: image(),
-            region: image(),
-            surface: image(),
-            accepted: image(),
-            refused: image(),
-            sheet: image(),
-            scratch: image(),
         }
     }
 }

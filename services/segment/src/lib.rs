@@ -1,11 +1,11 @@
 //! `segment`: RGB-D frames in, observed cloud and contour out. Knows no process, clock or file.
 //!
 //! The pixels' story, per camera (`camera`): the sheet's colours are learnt (`learn`) into a
-//! table (`color_model`) that classifies pixels; the mask is opened and closed (`bits`) and split
-//! (`components`); depth pixels whose colour pixel lies in the mask (`depth`) are cut at steps
-//! (`steps`) into patches, of which those that can be the sheet are chosen (`select`); what is
-//! near an occluder (`occluders`) is dropped; the rest is averaged (`voxels`). The mask's outline
-//! becomes edgels (`contour`, `inner_edge`).
+//! table (`color_model`) that classifies pixels (`bits`); the result is opened and closed
+//! (`morphology`) and split (`components`); depth pixels whose colour pixel lies in it (`depth`)
+//! are cut at steps (`steps`) into patches, of which those that can be the sheet are chosen
+//! (`select`); they make the mask (`mask`). What is near an occluder (`occluders`) is dropped, the
+//! rest is averaged (`voxels`), and the mask's outline becomes edgels (`contour`, `inner_edge`).
 
 mod bits;
 mod camera;
@@ -13,6 +13,7 @@ mod color_model;
 mod components;
 mod contour;
 mod depth;
+mod images;
 mod inner_edge;
 mod learn;
 mod mask;

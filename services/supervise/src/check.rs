@@ -105,7 +105,10 @@ fn open(set: &SetFile) -> Result<(Vec<RgbdCamera>, Option<u64>), String> {
         let mut message = error.to_string();
         let mut cause = std::error::Error::source(&error);
         while let Some(error) = cause {
-            message.push_str(&format!(": {error}"));
+            let text = error.to_string();
+            if !message.contains(&text) {
+                message.push_str(&format!(": {text}"));
+            }
             cause = error.source();
         }
         message

@@ -22,6 +22,8 @@ pub struct Progress {
     pub e_mm: Option<f64>,
     /// When anything last moved, `CLOCK_MONOTONIC`, nanoseconds.
     pub moved_ns: u64,
+    /// Newest step that the judge said something of.
+    judge_step: Option<u64>,
     steps_max: Option<u64>,
     shown_ns: u64,
     is_terminal: bool,
@@ -31,6 +33,7 @@ pub struct Progress {
 /// What the judge prints per step.
 #[derive(Debug, Deserialize)]
 struct JudgeLine {
+    step: Option<u64>,
     e_mm: Option<f64>,
 }
 
@@ -51,6 +54,7 @@ impl Progress {
             figures: Figures::new(),
             e_mm: None,
             moved_ns: now_ns(),
+            judge_step: None,
             steps_max,
             shown_ns: 0,
             is_terminal: io::stdout().is_terminal(),
@@ -71,15 +75,20 @@ impl Progress {
 
     /// Takes in a line of the judge; others than its figures are left out.
     pub fn judge_said(&mut self, line: &str) {
-        if let Ok(JudgeLine { e_mm: Some(e_mm) }) = serde_json::from_str(line) {
-            self.e_mm = Some(e_mm);
+        if let Ok(JudgeLine { step, e_mm }) = serde_json::from_str(line) {
+            self.judge_step = step.or(self.judge_step);
+            self.e_mm = e_mm.or(self.e_mm);
+            self.moved_ns = now_ns();
         }
     }
 
-    /// The stage that holds the others up: the most downstream one that has not given what its
+    /// The process that holds the others up: the most downstream one that has not given what its
     /// predecessor gave it; capture if none has anything to do.
-    pub fn holdup(&self) -> Stage {
+    pub fn holdup(&self, judge: bool) -> Stage {
         let step = |stage| self.figures.stage(stage).and_then(|figures| figures.step);
+        if judge && step(Stage::Simulate) > self.judge_step {
+            return Stage::Judge;
+        }
         Stage::PIPELINE
             .windows(2)
             .rev()

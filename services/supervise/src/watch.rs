@@ -193,7 +193,8 @@ impl Watch {
 
     /// Names the process that holds the others up.
     fn hung(&self, processes: &mut [Process], what: &str) -> Ending {
-        let holdup = self.progress.holdup();
+        let judge = processes.iter().any(|process| process.stage == Stage::Judge);
+        let holdup = self.progress.holdup(judge);
         let runs = |process: &mut Process| process.poll().is_none();
         let culprit = processes.iter().position(|process| process.stage == holdup);
         let culprit = culprit.filter(|k| runs(&mut processes[*k]));

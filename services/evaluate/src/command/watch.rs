@@ -9,7 +9,7 @@ use orime_messages::{ObservedCloud, RecordKind, SheetState, Stage, StageRecord, 
 use orime_runtime::{
     FrameSubscription, Pace, Received, ReceivedFrame, Service, SetFile, Subscription, channel,
 };
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::io::Write;
 use std::path::PathBuf;
 
@@ -41,6 +41,7 @@ struct Watch {
     truths: Subscription<Truth>,
     frames: FrameSubscription,
     records: Subscription<StageRecord>,
+    times: BTreeMap<u64, StageMs>,
     pictures: Pictures,
     cameras: Vec<Option<RgbdCamera>>,
     /// Step and colour image of the pictured camera.
@@ -63,6 +64,7 @@ pub fn run(arguments: &WatchArguments) -> anyhow::Result<()> {
         watch.take_times()?;
     }
     watch.take_times()?;
+    watch.judge.set_times(&watch.times);
     let name = arguments.set.display().to_string();
     output::write_json(&arguments.out.join("summary.json"), &name, &watch.judge)?;
     output::write_csv(&arguments.out.join("steps.csv"), watch.judge.steps())?;
@@ -87,6 +89,7 @@ impl Watch {
             truths: service.subscribe(&channel::TRUTH)?,
             frames: service.subscribe_frames()?,
             records: service.subscribe(&channel::RECORD)?,
+            times: BTreeMap::new(),
             pictures,
             cameras: Vec::new(),
             images: VecDeque::new(),
@@ -144,22 +147,22 @@ impl Watch {
         }
     }
 
-    /// Takes what the stages recorded of their work. The last stage's record follows its state, so
-    /// times are added to steps that have been scored.
+    /// Takes what the stages recorded of their work. Records of a step come before its state and
+    /// after it, so they are gathered by step and given to the judge at the end.
     fn take_times(&mut self) -> anyhow::Result<()> {
         while let Some(record) = self.records.try_next()? {
-            let ms = record.end_ns.saturating_sub(record.start_ns) as f64 * 1e-6;
             if record.kind() != Some(RecordKind::Published) {
                 continue;
             }
-            let stage = Stage::from_number(record.header.stage);
-            self.judge.add_times(record.header.step, |times| match stage {
+            let ms = record.end_ns.saturating_sub(record.start_ns) as f64 * 1e-6;
+            let times = self.times.entry(record.header.step).or_default();
+            match Stage::from_number(record.header.stage) {
                 Some(Stage::Capture) => times.capture += ms,
                 Some(Stage::Segment) => times.segment += ms,
                 Some(Stage::Register) => times.register += ms,
                 Some(Stage::Simulate) => times.simulate += ms,
                 _ => {}
-            });
+            }
         }
         Ok(())
     }

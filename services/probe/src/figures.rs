@@ -26,6 +26,8 @@ pub struct Hop {
 pub struct StageFigures {
     /// Results published (frame sets for capture).
     pub published: u64,
+    /// Messages published: frames for capture.
+    pub messages: u64,
     /// Step of the newest result.
     pub step: Option<u64>,
     /// Losses so far, counted by the stage.
@@ -100,6 +102,7 @@ impl Figures {
         if figures.step != Some(step) {
             figures.published += 1;
         }
+        figures.messages += 1;
         figures.step = Some(step);
         figures.status = record.status;
         figures.newest_ns = record.header.publish_ns;

@@ -42,11 +42,11 @@ pub fn run(cli: &Cli) -> anyhow::Result<()> {
         Some(Command::Receive { run, frame_bytes }) => return bench::receive(run, *frame_bytes),
         Some(Command::Bench { frame_bytes, frames }) => {
             let bench = bench::run(*frame_bytes, *frames)?;
-            return if cli.json {
-                print_json(&bench)
-            } else {
-                Ok(print!("{}", view::bench(&bench)))
-            };
+            if cli.json {
+                return print_json(&bench);
+            }
+            print!("{}", view::bench(&bench));
+            return Ok(());
         }
         None => {}
     }

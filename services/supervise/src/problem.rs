@@ -27,12 +27,13 @@ pub struct PlacedProblem {
 impl PlacedProblem {
     /// A problem at the bytes `span` of `text`.
     pub fn new(path: &Path, text: &str, span: Range<usize>, key: String, message: String) -> Self {
-        let start = text.floor_char_boundary(span.start.min(text.len()));
+        let start = boundary_before(text, span.start);
         let before = &text[..start];
         let line_start = before.rfind('\n').map_or(0, |k| k + 1);
         let line = text[line_start..].lines().next().unwrap_or("");
         let column = text[line_start..start].chars().count() + 1;
-        let end = text.floor_char_boundary(span.end.clamp(start, line_start + line.len()));
+        let end = span.end.min(line_start + line.len()).max(start);
+        let end = boundary_before(text, end);
         let marked = text.get(start..end).map_or(1, |part| part.chars().count().max(1));
         let number = before.matches('\n').count() + 1;
         let gutter = " ".repeat(number.to_string().len());
@@ -43,6 +44,15 @@ impl PlacedProblem {
         );
         Self { path: path.to_owned(), line: number, column, key, message, excerpt }
     }
+}
+
+/// The last character boundary of `text` at or before byte `k`.
+fn boundary_before(text: &str, k: usize) -> usize {
+    let mut k = k.min(text.len());
+    while !text.is_char_boundary(k) {
+        k -= 1;
+    }
+    k
 }
 
 impl fmt::Display for PlacedProblem {

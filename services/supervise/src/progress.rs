@@ -24,6 +24,7 @@ pub struct Progress {
     pub moved_ns: u64,
     /// Newest step that the judge said something of.
     judge_step: Option<u64>,
+    cameras: u64,
     steps_max: Option<u64>,
     shown_ns: u64,
     is_terminal: bool,
@@ -48,13 +49,14 @@ fn tracking_name(status: u32) -> &'static str {
 }
 
 impl Progress {
-    /// A set of `steps` steps that has not begun.
-    pub fn new(steps_max: Option<u64>) -> Self {
+    /// A set of so many steps and cameras that has not begun.
+    pub fn new(steps_max: Option<u64>, cameras: usize) -> Self {
         Self {
             figures: Figures::new(),
             e_mm: None,
             moved_ns: now_ns(),
             judge_step: None,
+            cameras: cameras.max(1) as u64,
             steps_max,
             shown_ns: 0,
             is_terminal: io::stdout().is_terminal(),
@@ -85,7 +87,12 @@ impl Progress {
     /// The process that holds the others up: the most downstream one that has not given what its
     /// predecessor gave it; capture if none has anything to do.
     pub fn holdup(&self, judge: bool) -> Stage {
-        let step = |stage| self.figures.stage(stage).and_then(|figures| figures.step);
+        let step = |stage| {
+            let figures = self.figures.stage(stage)?;
+            // A frame set is no result before its last frame.
+            let is_whole = stage != Stage::Capture || figures.messages % self.cameras == 0;
+            if is_whole { figures.step } else { figures.step?.checked_sub(1) }
+        };
         if judge && step(Stage::Simulate) > self.judge_step {
             return Stage::Judge;
         }

@@ -169,7 +169,7 @@ fn watch(
         .map_err(|error| Failure::machine(error.to_string()))?;
     let seconds = |s: f64| Duration::from_secs_f64(s.clamp(0.1, 86_400.0));
     let mut watch = Watch {
-        progress: Progress::new(set.steps),
+        progress: Progress::new(set.steps, set.cameras.len()),
         guest,
         ready: seconds(args.ready_s),
         stall: seconds(args.stall_s),

@@ -1,5 +1,6 @@
 //! From the first process to the last: starting in order, watching, stopping.
 
+use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -9,7 +10,7 @@ use std::time::{Duration, Instant};
 use orime_messages::Stage;
 use orime_runtime::{Guest, READY, RunEntry, RunId, now_ns};
 use rustix::process::Signal;
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::consts::{SIGBUS, SIGHUP, SIGINT, SIGTERM};
 
 use crate::check::CheckedSet;
 use crate::exit::Failure;
@@ -220,7 +221,14 @@ fn look(processes: &mut [Process]) -> Look {
         match processes[k].poll() {
             None => running += 1,
             Some(status) if status.success() => {}
-            Some(status) => return Look::Failed(failed(&mut processes[k], &status.to_string())),
+            Some(status) => {
+                let hint = match status.signal() {
+                    Some(SIGBUS) => " (is /dev/shm full? `df -h /dev/shm`)",
+                    _ => "",
+                };
+                let what = format!("{status}{hint}");
+                return Look::Failed(failed(&mut processes[k], &what));
+            }
         }
     }
     // A stage ends in order only when the stream has: capture is the first to know.

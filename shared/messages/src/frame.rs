@@ -192,7 +192,10 @@ impl From<&RgbdCamera> for CameraMeta {
     /// Names longer than [`CAMERA_NAME_MAX`] bytes are cut at a character.
     fn from(camera: &RgbdCamera) -> Self {
         let mut name = [0; CAMERA_NAME_MAX];
-        let cut = camera.name.floor_char_boundary(CAMERA_NAME_MAX);
+        let mut cut = camera.name.len().min(CAMERA_NAME_MAX);
+        while !camera.name.is_char_boundary(cut) {
+            cut -= 1;
+        }
         name[..cut].copy_from_slice(&camera.name.as_bytes()[..cut]);
         Self {
             color: (&camera.color).into(),

@@ -122,7 +122,8 @@ impl Outlet {
     }
 }
 
-/// A port of the channel's pool size whose sender waits for a full subscriber until it is asked to stop.
+/// A port with a pool of this size, whose sender waits for a full subscriber until it is asked to
+/// stop.
 fn port<'f, P, H>(
     factory: &'f PortFactory<Ipc, P, H>,
     pool: usize,

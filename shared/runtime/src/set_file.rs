@@ -148,11 +148,7 @@ pub fn expand(table: &mut Table, set_path: &Path) {
 
 fn expand_value(value: &mut Value, data: &str) {
     match value {
-        Value::String(text) => {
-            if text.contains(DATA_VARIABLE) {
-                *text = text.replace(DATA_VARIABLE, data);
-            }
-        }
+        Value::String(text) => *text = text.replace(DATA_VARIABLE, data),
         Value::Array(values) => values.iter_mut().for_each(|value| expand_value(value, data)),
         Value::Table(table) => {
             table.iter_mut().for_each(|(_, value)| expand_value(value, data));

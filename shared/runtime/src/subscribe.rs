@@ -112,7 +112,8 @@ impl<T: Taken + Send + 'static> Intake<T> {
         let identity = link.identity();
         let qos = channel.qos(identity.pace, identity.cameras);
         let listener = link.listener(channel)?;
-        let newest_wins = qos.overflow && identity.pace == Pace::Realtime;
+        // Records overflow at every pace, but those that were taken are never given up.
+        let newest_wins = identity.pace == Pace::Realtime && !channel.lockstep.overflow;
         // What the stage works on is borrowed too: a set of frames, a cloud and its state.
         let in_work = if newest_wins { qos.borrowed.div_ceil(2) } else { 0 };
         let inbox =
@@ -197,6 +198,7 @@ impl<M: Message> Subscription<M> {
 
     /// The oldest message that was not had before, waiting for it; `None` when this process
     /// shall end.
+    #[expect(clippy::should_implement_trait, reason = "it can fail, and it waits")]
     pub fn next(&mut self) -> Result<Option<Received<M>>, RuntimeError> {
         self.intake.next()
     }
@@ -255,6 +257,7 @@ impl FrameSubscription {
 
     /// The oldest frame that was not had before, waiting for it; `None` when this process shall
     /// end.
+    #[expect(clippy::should_implement_trait, reason = "it can fail, and it waits")]
     pub fn next(&mut self) -> Result<Option<ReceivedFrame>, RuntimeError> {
         self.intake.next()
     }

@@ -104,7 +104,8 @@ pub fn table(set: &str, summary: &Summary) -> String {
     let mut lines = vec![
         format!("set                        {set}"),
         format!(
-            "steps                      {} ({} lost, {} of them unnoticed; {} coasting, {} poses taken)",
+            "steps                      {} ({} lost, {} of them unnoticed; {} coasting; {} poses \
+             taken)",
             summary.steps,
             summary.lost_steps,
             summary.lost_steps_unnoticed,
@@ -143,7 +144,8 @@ pub fn table(set: &str, summary: &Summary) -> String {
         }
     }
     lines.push(format!(
-        "time per step              p50 {} ms, p99 {} ms (segment {:.2}, register {:.2}, simulate {:.2})",
+        "time per step              p50 {} ms, p99 {} ms (segment {:.2}, register {:.2}, \
+         simulate {:.2})",
         number(summary.ms_per_step_p50),
         number(summary.ms_per_step_p99),
         summary.ms_p50.segment,

@@ -31,7 +31,8 @@ use super::numbers::Numbers;
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FolderLayout {
-    /// Folder of all files, relative to the data folder (or absolute).
+    /// Folder of all files, relative to the data folder (or absolute). Default: that folder.
+    #[serde(default)]
     pub root: PathBuf,
     /// Nominal frame rate, Hz, where there are no time stamps. Default 30.
     #[serde(default = "nominal_rate_hz")]

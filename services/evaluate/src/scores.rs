@@ -1,5 +1,8 @@
 //! What a tracked sheet is measured by. Every definition has a test with a hand-computed answer.
 
+pub mod bending;
+pub mod folded;
+
 use orime_geometry::nalgebra::Point3;
 use orime_geometry::{Edgel, RgbdCamera, SheetGrid, Surface, fit::Plane};
 

@@ -146,26 +146,26 @@ fn kernel(
     for (point, explained) in points.iter().zip(explained) {
         let mut total = [0f32; LANES];
         for first in (0..n).step_by(LANES) {
-            for lane in 0..LANES {
+            for (lane, total) in total.iter_mut().enumerate() {
                 let k = first + lane;
                 let (dx, dy, dz) = (point[0] - x[k], point[1] - y[k], point[2] - z[k]);
                 squared[k] = dx * dx + dy * dy + dz * dz;
                 weight[k] = prior[k] * exp2(exponent * squared[k]);
-                total[lane] += weight[k];
+                *total += weight[k];
             }
         }
         let total: f32 = fold(total);
         let inverse = if total > 0.0 { 1.0 / (total + uniform) } else { 0.0 };
         let mut squared_sum = [0f32; LANES];
         for first in (0..n).step_by(LANES) {
-            for lane in 0..LANES {
+            for (lane, sum) in squared_sum.iter_mut().enumerate() {
                 let k = first + lane;
                 let p = weight[k] * inverse;
                 mass[k] += p;
                 pull_x[k] += p * (point[0] - x[k]);
                 pull_y[k] += p * (point[1] - y[k]);
                 pull_z[k] += p * (point[2] - z[k]);
-                squared_sum[lane] += p * squared[k];
+                *sum += p * squared[k];
             }
         }
         *explained = total * inverse;
@@ -199,7 +199,7 @@ fn exp2(t: f32) -> f32 {
     let scale =
         f32::from_bits((shifted.to_bits().wrapping_sub(ROUND.to_bits()).wrapping_add(127)) << 23);
     let series = 1.0
-        + f * (0.693_147_2
+        + f * (std::f32::consts::LN_2
             + f * (0.240_226_5
                 + f * (0.055_504_11
                     + f * (0.009_618_129 + f * (0.001_333_355_8 + f * 0.000_154_035_3)))));
@@ -260,13 +260,13 @@ mod tests {
                 .collect();
             let weight: Vec<f64> = squared.iter().map(|d| (-d / 8e-6).exp()).collect();
             let total = weight.iter().sum::<f64>() + 0.3;
-            for k in 0..37 {
-                mass[k] += weight[k] / total;
-                squared_m2 += weight[k] / total * squared[k];
+            for ((mass, weight), squared) in mass.iter_mut().zip(&weight).zip(&squared) {
+                *mass += weight / total;
+                squared_m2 += weight / total * squared;
             }
         }
-        for k in 0..37 {
-            assert!((f64::from(found.mass[k]) - mass[k]).abs() < 1e-4);
+        for (found, mass) in found.mass.iter().zip(&mass) {
+            assert!((f64::from(*found) - mass).abs() < 1e-4);
         }
         assert!((sums.squared_m2 / squared_m2 - 1.0).abs() < 1e-4);
     }

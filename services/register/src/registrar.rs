@@ -229,7 +229,7 @@ impl Registrar {
         let everywhere = everywhere || self.params.targets_everywhere;
         for i in 0..self.sheet.nodes[0] {
             for j in 0..self.sheet.nodes[1] {
-                let is_control = |k: usize, n: usize| k % 2 == 0 || k + 1 == n;
+                let is_control = |k: usize, n: usize| k.is_multiple_of(2) || k + 1 == n;
                 let control =
                     is_control(i, self.sheet.nodes[0]) && is_control(j, self.sheet.nodes[1]);
                 confidence[self.sheet.index(i, j)] = if everywhere || control { 1.0 } else { 0.0 };

@@ -197,12 +197,11 @@ impl Tracker {
             .map(|axis| pull[axis] + mass * (f64::from(now[axis]) - f64::from(start[axis])));
         for (a, control) in corner.indices(stride).into_iter().enumerate() {
             let weight = f64::from(corner.weights[a]);
-            for axis in 0..3 {
-                self.force[control][axis] += weight * force[axis];
+            for (sum, force) in self.force[control].iter_mut().zip(force) {
+                *sum += weight * force;
             }
-            for b in 0..4 {
-                let both = weight * f64::from(corner.weights[b]) * mass;
-                self.stencil[control][PLACE[a][b]] += both;
+            for (place, other) in PLACE[a].into_iter().zip(corner.weights) {
+                self.stencil[control][place] += weight * f64::from(other) * mass;
             }
         }
     }

@@ -1,5 +1,6 @@
 //! Every problem of a set file at once, each at its place, before any process starts.
 
+use std::io::Write;
 use std::ops::Range;
 use std::path::Path;
 
@@ -84,16 +85,17 @@ pub fn command(path: &Path, json: bool) -> Result<Exit, Failure> {
         Failure::usage(format!("reading set file `{}`: {error}", path.display()))
     })?;
     let problems = check(path, &text).err().unwrap_or_default();
-    if json {
-        let text = serde_json::to_string_pretty(&problems)
-            .map_err(|error| Failure::machine(error.to_string()))?;
-        println!("{text}");
+    let text = if json {
+        serde_json::to_string_pretty(&problems)
+            .map_err(|error| Failure::machine(error.to_string()))?
     } else if problems.is_empty() {
-        println!("{}: good", path.display());
+        format!("{}: good", path.display())
     } else {
-        problems.iter().for_each(|problem| println!("{problem}\n"));
-        println!("{} problem(s)", problems.len());
-    }
+        let list: String = problems.iter().map(|problem| format!("{problem}\n\n")).collect();
+        format!("{list}{} problem(s)", problems.len())
+    };
+    // Whoever reads only the head of it has closed the pipe: that is no failure.
+    let _ = writeln!(std::io::stdout(), "{text}");
     Ok(if problems.is_empty() { Exit::Good } else { Exit::Usage })
 }
 

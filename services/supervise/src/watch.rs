@@ -199,7 +199,7 @@ impl Watch {
         let runs = |process: &mut Process| process.poll().is_none();
         let culprit = processes.iter().position(|process| process.stage == holdup);
         let culprit = culprit.filter(|k| runs(&mut processes[*k]));
-        let culprit = culprit.or_else(|| processes.iter_mut().position(|process| runs(process)));
+        let culprit = culprit.or_else(|| processes.iter_mut().position(runs));
         match culprit {
             Some(k) => failed(&mut processes[k], what),
             None => Ending::Failed(format!("the set {what}")),
@@ -217,8 +217,8 @@ enum Look {
 
 fn look(processes: &mut [Process]) -> Look {
     let mut running = 0;
-    for k in 0..processes.len() {
-        match processes[k].poll() {
+    for process in processes.iter_mut() {
+        match process.poll() {
             None => running += 1,
             Some(status) if status.success() => {}
             Some(status) => {
@@ -227,7 +227,7 @@ fn look(processes: &mut [Process]) -> Look {
                     _ => "",
                 };
                 let what = format!("{status}{hint}");
-                return Look::Failed(failed(&mut processes[k], &what));
+                return Look::Failed(failed(process, &what));
             }
         }
     }

@@ -34,7 +34,8 @@ impl Plane {
         let mut order = [0, 1, 2];
         order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
         // A line or a point has no plane: the middle eigenvalue must stand out of rounding.
-        if !(eigen.eigenvalues[order[1]] > 1e-12 * eigen.eigenvalues[order[2]].max(1e-30)) {
+        let (middle, largest) = (eigen.eigenvalues[order[1]], eigen.eigenvalues[order[2]]);
+        if middle.is_nan() || middle <= 1e-12 * largest.max(1e-30) {
             return None;
         }
         let normal: Vector3<f64> = eigen.eigenvectors.column(order[0]).into_owned();
@@ -66,7 +67,7 @@ pub fn rigid(
         return None;
     }
     let total: f64 = (0..source.len()).map(&weight).sum();
-    if !(total > 0.0) {
+    if total.is_nan() || total <= 0.0 {
         return None;
     }
     let mean = |points: &[Point3<f64>]| -> Vector3<f64> {

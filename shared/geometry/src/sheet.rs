@@ -162,26 +162,19 @@ impl SheetGrid {
     /// Nobody can tell these apart on an unmarked sheet; `result[k][n]` is the node that takes
     /// the place of node `n`.
     pub fn turns(&self) -> Vec<Vec<usize>> {
+        type Turn = fn([usize; 2], (usize, usize)) -> (usize, usize);
+        let mut maps: Vec<Turn> = vec![|_, ij| ij, |[n, m], (i, j)| (n - 1 - i, m - 1 - j)];
         let [n, m] = self.nodes;
-        let half = |(i, j): (usize, usize)| (n - 1 - i, m - 1 - j);
-        let mut maps: Vec<Box<dyn Fn((usize, usize)) -> (usize, usize)>> =
-            vec![Box::new(|ij| ij), Box::new(half)];
         if n == m && (self.size_m[0] - self.size_m[1]).abs() < 1e-9 {
-            maps.push(Box::new(move |(i, j)| (j, n - 1 - i)));
-            maps.push(Box::new(move |(i, j)| (n - 1 - j, i)));
+            maps.push(|[n, _], (i, j)| (j, n - 1 - i));
+            maps.push(|[n, _], (i, j)| (n - 1 - j, i));
         }
         let nodes: Vec<(usize, usize)> = (0..n).flat_map(|i| (0..m).map(move |j| (i, j))).collect();
-        maps.iter()
-            .map(|map| {
-                nodes
-                    .iter()
-                    .map(|ij| {
-                        let (i, j) = map(*ij);
-                        self.index(i, j)
-                    })
-                    .collect()
-            })
-            .collect()
+        let turned = |turn: &Turn| {
+            let places = nodes.iter().map(|ij| turn(self.nodes, *ij));
+            places.map(|(i, j)| self.index(i, j)).collect()
+        };
+        maps.iter().map(turned).collect()
     }
 }
 

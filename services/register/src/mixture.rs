@@ -310,16 +310,20 @@ mod tests {
 
         let variance = f64::from(sigma).powi(2);
         let constant = uniform * (std::f64::consts::TAU * variance).powf(1.5);
-        let mut mass = 0.0;
-        for point in &points {
-            let total: f64 = mixture
-                .positions_m
-                .iter()
-                .map(|y| (-f64::from(norm2(sub(*point, *y))) / (2.0 * variance)).exp())
-                .sum();
-            mass += total / (total + constant);
-        }
-        assert!((found.mass / mass - 1.0).abs() < 1e-3, "{} against {mass}", found.mass);
+        // A cell looks a little farther than the cut-off, so it lies between these two.
+        let mass_within = |reach: f64| -> f64 {
+            let explained = points.iter().map(|point| {
+                let squared = mixture.positions_m.iter().map(|y| f64::from(norm2(sub(*point, *y))));
+                let near = squared.filter(|d| *d < reach * reach);
+                let total: f64 = near.map(|d| (-d / (2.0 * variance)).exp()).sum();
+                total / (total + constant)
+            });
+            explained.sum()
+        };
+        let least = mass_within(f64::from(CUTOFF_SIGMAS * sigma));
+        let most = mass_within(f64::INFINITY);
+        assert!(most > 1.001 * least, "the cut-off shows, or this tests nothing");
+        assert!(least * 0.9999 < found.mass && found.mass < most * 1.0001, "{}", found.mass);
         let components: f64 = mixture.mass.iter().sum();
         assert!((components / found.mass - 1.0).abs() < 1e-5);
     }

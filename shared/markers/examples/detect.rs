@@ -2,7 +2,7 @@
 //! `cargo run --release -p orime-markers --example detect -- DICT IMAGE...`
 //!
 //! DICT is the name of a predefined dictionary or the path of a YAML file. `--repeat N` first
-//! detects N times and states the median time.
+//! detects N times and states the median time. The environment's `ORIME_MARKERS_PARAMS` may hold parameters as JSON.
 
 use std::env;
 use std::error::Error;
@@ -29,7 +29,12 @@ fn main() -> Result<(), Box<dyn Error>> {
     } else {
         Dictionary::predefined(name)?
     };
-    let config = DetectorParams::default().check().map_err(|problems| format!("{problems:?}"))?;
+    // For trials: parameters as JSON.
+    let params = match env::var("ORIME_MARKERS_PARAMS") {
+        Ok(text) => serde_json::from_str(&text)?,
+        Err(_) => DetectorParams::default(),
+    };
+    let config = params.check().map_err(|problems| format!("{problems:?}"))?;
     let mut detector = Detector::new(&config, dictionary);
     let mut reader = ImageReader::new();
     for image in images {

@@ -109,15 +109,15 @@ impl Detector {
         self.candidates.clear();
         self.found.clear();
         self.markers.clear();
-        let side_px_min = self.side_px_min();
-        if (image.width().min(image.height()) as f64) < side_px_min {
+        // What is sampled between four pixels needs four.
+        if image.width().min(image.height()) < self.dictionary.modules() {
             return;
         }
         for k in 0..self.params.threshold_windows_px.len() {
             let window_px = self.params.threshold_windows_px[k];
             let offset = self.params.threshold_offset as f32;
             self.threshold.apply(image, window_px, offset, &mut self.binary);
-            self.collect_quads(side_px_min);
+            self.collect_quads();
         }
         self.candidates.sort_by(|a, b| b.area_px2.total_cmp(&a.area_px2));
         for k in 0..self.candidates.len().min(CANDIDATES_MAX) {
@@ -133,22 +133,17 @@ impl Detector {
         self.markers.extend(self.found.iter().map(|found| found.marker));
     }
 
-    /// Shortest side of a marker, pixels.
-    fn side_px_min(&self) -> f64 {
-        self.params.module_px_min * self.dictionary.modules() as f64
-    }
-
     /// Takes the quadrangles out of the thresholded image.
-    fn collect_quads(&mut self, side_px_min: f64) {
+    fn collect_quads(&mut self) {
+        let limits = quad::Limits {
+            error_ratio: self.params.quad_error_ratio,
+            side_px_min: self.dictionary.modules() as f64,
+            area_px2_min: (self.params.module_px_min * self.dictionary.modules() as f64).powi(2),
+        };
         let mut from = 0;
         while let Some(start) = self.binary.next_start(from) {
             let twice_area = border::trace(&mut self.binary, start, &mut self.border);
-            let quad = quad::quadrangle(
-                &self.border,
-                twice_area,
-                self.params.quad_error_ratio,
-                side_px_min,
-            );
+            let quad = quad::quadrangle(&self.border, twice_area, &limits);
             self.candidates.extend(quad);
             from = start + 1;
         }

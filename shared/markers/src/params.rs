@@ -17,8 +17,8 @@ pub struct DetectorParams {
     /// Largest distance of a border from the quadrangle that replaces it, as a share of its
     /// length, 0.005 to 0.1. Default 0.03.
     pub quad_error_ratio: f64,
-    /// Smallest module (cell) of a marker, pixels, 1 to 20: markers of fewer pixels are noise as
-    /// often as not. Default 1.6.
+    /// Smallest module (cell) of a marker, pixels: the root of its area, 1 to 20. Smaller markers
+    /// are read wrongly as often as not. Default 1.6.
     pub module_px_min: f64,
     /// Share of the border's modules that may read white, 0 to 0.5: glare, fingers. More finds
     /// more false markers. Default 0.2.

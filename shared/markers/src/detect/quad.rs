@@ -12,6 +12,17 @@ pub(super) struct Quad {
     pub area_px2: f64,
 }
 
+/// Which quadrangles are looked for.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Limits {
+    /// Largest distance of the border from the quadrangle, as a share of the border's length.
+    pub error_ratio: f64,
+    /// Length of the shortest side, pixels: what is seen from its edge has short ones.
+    pub side_px_min: f64,
+    /// Area, pixels².
+    pub area_px2_min: f64,
+}
+
 /// Least area of a quadrangle as a share of its squared border: that of a rectangle of 1 : 16.
 const COMPACTNESS_MIN: f64 = 0.014;
 
@@ -59,27 +70,20 @@ impl Quad {
     }
 }
 
-/// The quadrangle that follows an outer border, if one does.
-///
-/// `twice_area` is the border's, positive if it is an outer one; `error_ratio` the border's
-/// largest distance from the quadrangle as a share of its length.
-pub(super) fn quadrangle(
-    border: &[[i32; 2]],
-    twice_area: i64,
-    error_ratio: f64,
-    side_px_min: f64,
-) -> Option<Quad> {
+/// The quadrangle that follows an outer border, if one does; `twice_area` is the border's,
+/// positive if it is an outer one.
+pub(super) fn quadrangle(border: &[[i32; 2]], twice_area: i64, limits: &Limits) -> Option<Quad> {
     let length = border.len() as f64;
-    // The border runs through the centres of dark pixels, one pixel a side short; diagonals have
-    // fewer pixels than their length by up to √2.
+    // The border runs through the centres of dark pixels, half a pixel inside the edge, and has
+    // at most twice as many pixels as a square's that is as large: half the area is certain.
     let possible = twice_area > 0
         && border.len() < BORDER_PX_MAX
-        && length >= 4.0 * (side_px_min - 1.0) / 1.5
+        && twice_area as f64 >= limits.area_px2_min
         && twice_area as f64 >= 2.0 * COMPACTNESS_MIN * length * length;
     if !possible {
         return None;
     }
-    let vertices = vertices(border, error_ratio * length)?;
+    let vertices = vertices(border, limits.error_ratio * length)?;
     let mut corners_px = vertices.map(|k| centre(border[k]));
     let mut lines = [None; 4];
     for side in 0..4 {
@@ -98,7 +102,8 @@ pub(super) fn quadrangle(
     let [a, b, c, d] = corners_px;
     let area_px2 = 0.5 * ((c[0] - a[0]) * (d[1] - b[1]) - (d[0] - b[0]) * (c[1] - a[1]));
     let quad = Quad { corners_px, area_px2 };
-    ((0..4).all(|k| turn(k) > 0.0) && quad.side_px_min() >= side_px_min).then_some(quad)
+    let large = area_px2 >= limits.area_px2_min && quad.side_px_min() >= limits.side_px_min;
+    (large && (0..4).all(|k| turn(k) > 0.0)).then_some(quad)
 }
 
 /// A line along the edge outside a side's pixels.
@@ -223,6 +228,8 @@ pub(super) fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
 mod tests {
     use super::*;
 
+    const LIMITS: Limits = Limits { error_ratio: 0.03, side_px_min: 8.0, area_px2_min: 100.0 };
+
     /// Pixels on the border of a convex polygon, clockwise, one a step along the longer axis.
     fn outline(corners: &[[i32; 2]]) -> (Vec<[i32; 2]>, i64) {
         let mut border = Vec::new();
@@ -247,7 +254,7 @@ mod tests {
         let (mut border, twice_area) = outline(&corners);
         for _ in 0..border.len() {
             border.rotate_left(1);
-            let quad = quadrangle(&border, twice_area, 0.03, 10.0).unwrap();
+            let quad = quadrangle(&border, twice_area, &LIMITS).unwrap();
             for corner in corners {
                 let near = quad.corners_px.iter().map(|c| distance(*c, corner.map(f64::from)));
                 let near = near.fold(f64::INFINITY, f64::min);
@@ -261,7 +268,7 @@ mod tests {
     fn other_shapes_are_not_quadrangles() {
         let refuse = |corners: &[[i32; 2]]| {
             let (border, twice_area) = outline(corners);
-            assert!(quadrangle(&border, twice_area, 0.03, 10.0).is_none(), "{corners:?}");
+            assert!(quadrangle(&border, twice_area, &LIMITS).is_none(), "{corners:?}");
         };
         refuse(&[[0, 0], [80, 0], [40, 60]]);
         refuse(&[[20, 0], [60, 0], [80, 40], [40, 70], [0, 40]]);
@@ -270,7 +277,7 @@ mod tests {
         refuse(&[[0, 0], [6, 0], [6, 6], [0, 6]]);
         // A hole: the same border the other way round.
         let (border, twice_area) = outline(&[[0, 0], [80, 0], [80, 80], [0, 80]]);
-        assert!(quadrangle(&border, twice_area, 0.03, 10.0).is_some());
-        assert!(quadrangle(&border, -twice_area, 0.03, 10.0).is_none());
+        assert!(quadrangle(&border, twice_area, &LIMITS).is_some());
+        assert!(quadrangle(&border, -twice_area, &LIMITS).is_none());
     }
 }

@@ -135,8 +135,9 @@ def photographs(repeat):
 
 
 def cube(repeat):
-    """Markers of the real cube. An id is true if the recording's own list has it, or if OpenCV
-    or we find it there: then it is held against the cube's faces (`consistent`)."""
+    """Markers of the real cube, which are the only ones in view: an id is true if the recording
+    lists it in any image, and then once in an image. The list of an image is the recording's
+    own detection and misses some; who alone found what is printed, to be looked at."""
     captures = json.loads((CUBE / "meta.json").read_text())["captures"]
     listed = {CUBE / c["rgb_path"]: c["ids"] for e in captures for c in e["cams"].values()}
     known = set(i for ids in listed.values() for i in ids)

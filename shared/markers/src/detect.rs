@@ -12,7 +12,7 @@ use crate::grey::{GreyImage, ImageSizeError, grey_from_rgb};
 use crate::params::{DetectorConfig, DetectorParams};
 use decode::Reader;
 use quad::Quad;
-use threshold::{Binary, MeanThreshold};
+use threshold::{Binary, Cut, MeanThreshold};
 
 /// A marker in an image.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,7 +38,7 @@ const FINAL_REACH_PX: std::ops::RangeInclusive<f64> = 0.75..=1.0;
 
 /// Finds the markers of one dictionary; keeps its room between images.
 ///
-/// 1. threshold at the mean of a window, for several windows; 2. outer borders of dark regions;
+/// 1. threshold at the mean of a window, for several windows, and at a share of it; 2. outer borders of dark regions;
 /// 3. Douglas–Peucker to four convex vertices; 4. a line per side to the strongest edge;
 /// 5. homography, samples in every module, Otsu, border check; 6. dictionary in four turns.
 ///
@@ -109,17 +109,26 @@ impl Detector {
         self.candidates.clear();
         self.found.clear();
         self.markers.clear();
-        // What is sampled between four pixels needs four.
+        // A marker has at least a pixel a module; sampling needs 2 × 2.
         if image.width().min(image.height()) < self.dictionary.modules() {
             return;
         }
         for k in 0..self.params.threshold_windows_px.len() {
             let window_px = self.params.threshold_windows_px[k];
             let offset = self.params.threshold_offset as f32;
-            self.threshold.apply(image, window_px, offset, &mut self.binary);
+            self.threshold.apply(image, Cut { window_px, ratio: 1.0, offset }, &mut self.binary);
             self.collect_quads();
         }
-        self.candidates.sort_by(|a, b| b.area_px2.total_cmp(&a.area_px2));
+        if self.params.ink_ratio > 0.0 {
+            let cut = Cut {
+                window_px: self.params.ink_window_px,
+                ratio: self.params.ink_ratio as f32,
+                offset: 0.0,
+            };
+            self.threshold.apply(image, cut, &mut self.binary);
+            self.collect_quads();
+        }
+        self.candidates.sort_unstable_by(|a, b| b.area_px2.total_cmp(&a.area_px2));
         for k in 0..self.candidates.len().min(CANDIDATES_MAX) {
             let quad = self.candidates[k];
             // The same border under another threshold.

@@ -106,7 +106,8 @@ impl Dictionary {
     }
 
     /// Whether a module of a marker is black; `row` and `column` count from the marker's own
-    /// top-left, the border included.
+    /// top-left, the border included. Panics unless `id` is below `len()` and both others are
+    /// below `modules()`.
     pub fn is_black(&self, id: u32, row: usize, column: usize) -> bool {
         let border = |k: usize| k == 0 || k == self.side + 1;
         if border(row) || border(column) {

@@ -14,6 +14,12 @@ pub struct DetectorParams {
     /// How much darker than its window's mean a pixel must be to be dark, grey levels, 0 to 128.
     /// Less finds fainter markers and more noise. Default 10.
     pub threshold_offset: f64,
+    /// Most brightness of ink as a share of its window's mean, 0 (off) to 0.9: a further
+    /// threshold, that tells ink from a darkish table where a marker ends with its sheet. It has
+    /// to lie between ink and table. Default 0.55.
+    pub ink_ratio: f64,
+    /// Side of that threshold's window, pixels, odd, 3 to 101. Default 23.
+    pub ink_window_px: usize,
     /// Largest distance of a border from the quadrangle that replaces it, as a share of its
     /// length, 0.005 to 0.1. Default 0.03.
     pub quad_error_ratio: f64,
@@ -36,6 +42,8 @@ impl Default for DetectorParams {
         Self {
             threshold_windows_px: vec![5, 13, 23],
             threshold_offset: 10.0,
+            ink_ratio: 0.55,
+            ink_window_px: 23,
             quad_error_ratio: 0.03,
             module_px_min: 1.6,
             border_error_ratio: 0.2,
@@ -62,6 +70,8 @@ impl DetectorParams {
         let Self {
             threshold_windows_px,
             threshold_offset,
+            ink_ratio,
+            ink_window_px,
             quad_error_ratio,
             module_px_min,
             border_error_ratio,
@@ -76,8 +86,15 @@ impl DetectorParams {
             threshold_windows_px,
             "must be 1 to 8 odd numbers of 3 to 101 pixels",
         );
+        checker.require(
+            ink_window_px % 2 == 1 && (3..=101).contains(ink_window_px),
+            "ink_window_px",
+            ink_window_px,
+            "must be an odd number of 3 to 101 pixels",
+        );
         for (key, value, low, high) in [
             ("threshold_offset", threshold_offset, 0.0, 128.0),
+            ("ink_ratio", ink_ratio, 0.0, 0.9),
             ("quad_error_ratio", quad_error_ratio, 0.005, 0.1),
             ("module_px_min", module_px_min, 1.0, 20.0),
             ("border_error_ratio", border_error_ratio, 0.0, 0.5),
@@ -101,6 +118,7 @@ mod tests {
         assert_eq!(p.threshold_windows_px, [5, 13, 23]);
         assert_eq!((p.threshold_offset, p.quad_error_ratio, p.module_px_min), (10.0, 0.03, 1.6));
         assert_eq!((p.border_error_ratio, p.correction_ratio), (0.2, 0.6));
+        assert_eq!((p.ink_ratio, p.ink_window_px), (0.55, 23));
         assert_eq!(p.contrast_min, 15.0);
         assert!(p.check().is_ok());
     }
@@ -110,6 +128,8 @@ mod tests {
         let params = DetectorParams {
             threshold_windows_px: vec![5, 12],
             threshold_offset: f64::NAN,
+            ink_ratio: 1.0,
+            ink_window_px: 4,
             quad_error_ratio: 1.0,
             module_px_min: 0.5,
             border_error_ratio: -0.1,
@@ -121,7 +141,9 @@ mod tests {
             keys,
             [
                 "threshold_windows_px",
+                "ink_window_px",
                 "threshold_offset",
+                "ink_ratio",
                 "quad_error_ratio",
                 "module_px_min",
                 "border_error_ratio",

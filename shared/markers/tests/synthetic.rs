@@ -201,25 +201,66 @@ fn equal_images_give_equal_markers_whatever_came_before() {
     assert_eq!(first.len(), 1);
 }
 
-/// The sheet as the overhead camera sees it: 150 mm at 0.52 m, f = 600 px, on a brown table.
 #[test]
-fn every_point_of_a_printed_sheet_is_found_from_above() {
+fn a_print_is_read_as_it_was_laid_out() {
     let dictionary = Dictionary::predefined("DICT_4X4_100").unwrap();
-    let lens = Lens { size_px: [320, 320], blur_px: 0.5, noise: 2.0, levels: [30.0, 230.0] };
+    let (size, margin) = (720, 20);
+    let total = size + 2 * margin;
+    for (side, first_id) in [(SheetSide::Front, 0), (SheetSide::Back, 49)] {
+        let layout = SheetLayout::new(&dictionary, [25, 25], side, first_id).unwrap();
+        let print = layout.print([size, size]);
+        let mut pixels = vec![255; total * total];
+        for (y, row) in print.pixels.chunks(size).enumerate() {
+            let start = (y + margin) * total + margin;
+            pixels[start..start + size].copy_from_slice(row);
+        }
+        let mut detector = detector("DICT_4X4_100");
+        let found = detector.detect(GreyImage::new(total, total, &pixels).unwrap());
+        assert_eq!(found.len(), 49);
+        for marker in found {
+            let places = layout.marker(marker.id).unwrap().corners;
+            for (place, [x, y]) in places.iter().zip(marker.corners_px) {
+                let [u, v] = place.uv_share;
+                let right = if side == SheetSide::Front { u } else { 1.0 - u };
+                let expected = [right, 1.0 - v].map(|s| margin as f64 - 0.5 + s * size as f64);
+                let error = (x - expected[0]).hypot(y - expected[1]);
+                assert!(error < 0.2, "{side:?} {}: {error} px", marker.id);
+            }
+        }
+    }
+}
+
+/// Where a camera of f = 600 px shows the sheet (0.15 m, shares of its sides as coordinates),
+/// turned by 10° and tilted away, its middle in the image's.
+fn image_from_sheet(side: SheetSide, distance_m: f64, tilt_deg: f64) -> Homography {
+    const F_PX: f64 = 600.0;
+    const SIDE_M: f64 = 0.15;
+    let ((sin, cos), (tilt_sin, tilt_cos)) =
+        (10_f64.to_radians().sin_cos(), tilt_deg.to_radians().sin_cos());
+    // u to the right (to the left on the back), v upwards; image y is down.
+    let mirror = if side == SheetSide::Front { 1.0 } else { -1.0 };
+    let u = [cos * mirror * SIDE_M, sin * mirror * SIDE_M];
+    let v = [sin * SIDE_M, -cos * SIDE_M];
+    let depth = [-tilt_sin * u[1], -tilt_sin * v[1]];
+    let z = [depth[0], depth[1], distance_m - (depth[0] + depth[1]) / 2.0];
+    let row = |k: usize, scale: f64, middle_px: f64| {
+        let (a, b) = (F_PX * scale * u[k], F_PX * scale * v[k]);
+        let c = -(a + b) / 2.0;
+        [a + middle_px * z[0], b + middle_px * z[1], c + middle_px * z[2]]
+    };
+    [row(0, 1.0, 160.2), row(1, tilt_cos, 150.7), z]
+}
+
+/// The printed sheet on a brown table, whose brightness is 0.35 of the paper's.
+#[test]
+fn every_point_of_a_printed_sheet_is_found() {
+    let dictionary = Dictionary::predefined("DICT_4X4_100").unwrap();
+    let lens = Lens { size_px: [320, 300], blur_px: 0.5, noise: 2.0, levels: [30.0, 230.0] };
     let mut detector = detector("DICT_4X4_100");
     for (side, first_id) in [(SheetSide::Front, 0), (SheetSide::Back, 49)] {
         let layout = SheetLayout::new(&dictionary, [25, 25], side, first_id).unwrap();
-        for (trial, (side_px, limit_px)) in
-            [(200.0, 0.15), (173.0, 0.2), (155.0, 0.25)].into_iter().enumerate()
-        {
-            let (sin, cos) = (0.17 + trial as f64).sin_cos();
-            let mirror = if side == SheetSide::Front { 1.0 } else { -1.0 };
-            // u to the right (to the left on the back), v upwards.
-            let (a, b) = (side_px * mirror, side_px);
-            let rotated = [[cos * a, sin * b], [sin * a, -cos * b]];
-            let middle = |row: [f64; 2]| 160.2 - (row[0] + row[1]) / 2.0;
-            let [p, q] = rotated;
-            let h = [[p[0], p[1], middle(p)], [q[0], q[1], middle(q)], [0.0, 0.0, 1.0]];
+        for (distance_m, tilt_deg, points_min, limit_px) in VIEWS {
+            let h = image_from_sheet(side, distance_m, tilt_deg);
             let image = photograph(&lens, &inverse(&h), 5, |uv| {
                 let on_sheet = uv.iter().all(|share| (0.0..=1.0).contains(share));
                 if !on_sheet { 0.35 } else { f64::from(u8::from(!layout.is_black(uv))) }
@@ -237,9 +278,22 @@ fn every_point_of_a_printed_sheet_is_found_from_above() {
                 }
             }
             let points = seen.into_iter().filter(|seen| *seen).count();
-            eprintln!("{side:?}, {side_px} px: {points} of 169 points, worst {worst:.3} px");
-            assert_eq!(points, 169);
-            assert!(worst < limit_px, "{worst}");
+            let view = format!("{side:?}, {distance_m} m, {tilt_deg}°");
+            eprintln!("{view}: {points} of 169 points, worst {worst:.3} px");
+            assert!(points >= points_min && worst < limit_px, "{view}");
         }
     }
 }
+
+/// Distance, tilt, fewest points, largest error. Measured: all points and 0.10, 0.18, 0.31 px from
+/// above (167 at 0.6 m, where the narrow markers' modules are 1.8 px); slanted all but those of
+/// the last, which has modules of 1.4 px at the far end, and 0.41, 0.37, 0.41 and 0.50 px.
+const VIEWS: [(f64, f64, usize, f64); 7] = [
+    (0.40, 0.0, 169, 0.15),
+    (0.52, 0.0, 169, 0.25),
+    (0.60, 0.0, 163, 0.4),
+    (0.40, 40.0, 169, 0.5),
+    (0.40, 50.0, 165, 0.5),
+    (0.52, 40.0, 165, 0.5),
+    (0.52, 50.0, 140, 0.6),
+];

@@ -175,7 +175,7 @@ mod tests {
         let mut samples = [30.9_f32; 100];
         samples[40..].fill(200.0);
         let level = separating_level(&samples, 15.0).unwrap();
-        assert!(30.9 <= level && level < 200.0);
+        assert!((30.9..200.0).contains(&level));
         assert_eq!(separating_level(&[80.0; 100], 15.0), None);
         samples[40..].fill(40.0);
         assert_eq!(separating_level(&samples, 15.0), None);

@@ -22,8 +22,7 @@ impl Line {
             sum += weight;
             mean = [0, 1].map(|k| mean[k] + weight * point[k]);
         }
-        // NaN fails too.
-        if !(sum > 1e-9) {
+        if sum.is_nan() || sum <= 1e-9 {
             return None;
         }
         mean = mean.map(|m| m / sum);

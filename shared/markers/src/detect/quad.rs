@@ -74,8 +74,8 @@ impl Quad {
 /// positive if it is an outer one.
 pub(super) fn quadrangle(border: &[[i32; 2]], twice_area: i64, limits: &Limits) -> Option<Quad> {
     let length = border.len() as f64;
-    // The border runs through the centres of dark pixels, half a pixel inside the edge, and has
-    // at most twice as many pixels as a square's that is as large: half the area is certain.
+    // The border runs through the centres of dark pixels, half a pixel inside the edge: what is
+    // large enough has half its area inside the border at least.
     let possible = twice_area > 0
         && border.len() < BORDER_PX_MAX
         && twice_area as f64 >= limits.area_px2_min

@@ -39,6 +39,17 @@ impl Binary {
     }
 }
 
+/// How far below the mean of its window a dark pixel is.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Cut {
+    /// Side of the window, pixels; odd, at most 101.
+    pub window_px: usize,
+    /// Share of the mean that a dark pixel may have.
+    pub ratio: f32,
+    /// Grey levels that it is darker still.
+    pub offset: f32,
+}
+
 /// Thresholds images; keeps the sums of a row.
 #[derive(Debug, Default)]
 pub(super) struct MeanThreshold {
@@ -49,17 +60,11 @@ pub(super) struct MeanThreshold {
 }
 
 impl MeanThreshold {
-    /// Marks as dark what is at least `offset` darker than the mean of the window around it; the
-    /// window is cut at the image's border. `window_px` is odd and at most 101.
-    pub(super) fn apply(
-        &mut self,
-        image: GreyImage<'_>,
-        window_px: usize,
-        offset: f32,
-        binary: &mut Binary,
-    ) {
+    /// Marks as dark what is dark enough beside the mean of the window around it; the window is
+    /// cut at the image's border.
+    pub(super) fn apply(&mut self, image: GreyImage<'_>, cut: Cut, binary: &mut Binary) {
         let (width, height) = (image.width(), image.height());
-        let reach = window_px / 2;
+        let reach = cut.window_px / 2;
         binary.stride = width + 2;
         binary.pixels.clear();
         binary.pixels.resize(binary.stride * (height + 2), BRIGHT);
@@ -79,12 +84,14 @@ impl MeanThreshold {
             let rows = (y + reach + 1).min(height) - y.saturating_sub(reach);
             let first = (y + 1) * binary.stride + 1;
             let target = &mut binary.pixels[first..first + width];
-            self.row(image.row(y), rows, reach, offset, target);
+            self.row(image.row(y), rows, cut, target);
         }
     }
 
     /// One row, whose window has `rows` rows.
-    fn row(&mut self, pixels: &[u8], rows: usize, reach: usize, offset: f32, target: &mut [u8]) {
+    fn row(&mut self, pixels: &[u8], rows: usize, cut: Cut, target: &mut [u8]) {
+        let Cut { window_px: window, ratio, offset } = cut;
+        let reach = window / 2;
         let mut sum = 0_i32;
         for (before, column) in self.before[1..].iter_mut().zip(&self.columns) {
             sum = sum.wrapping_add(i32::from(*column));
@@ -92,20 +99,19 @@ impl MeanThreshold {
         }
         let width = pixels.len();
         let before = &self.before;
-        let cut = |x: usize| -> u8 {
+        let cut_short = |x: usize| -> u8 {
             let (start, end) = (x.saturating_sub(reach), (x + reach + 1).min(width));
             let sum = before[end].wrapping_sub(before[start]);
-            dark(pixels[x], sum, 1.0 / (rows * (end - start)) as f32, offset)
+            dark(pixels[x], sum, ratio / (rows * (end - start)) as f32, offset)
         };
         let whole = reach..width.saturating_sub(reach);
         for x in (0..whole.start.min(width)).chain(whole.end.max(reach)..width) {
-            target[x] = cut(x);
+            target[x] = cut_short(x);
         }
         if whole.is_empty() {
             return;
         }
-        let window = 2 * reach + 1;
-        let share = 1.0 / (rows * window) as f32;
+        let share = ratio / (rows * window) as f32;
         let (starts, ends) = (&before[..whole.len()], &before[window..window + whole.len()]);
         let pixels = &pixels[whole.clone()];
         let target = &mut target[whole];
@@ -115,7 +121,7 @@ impl MeanThreshold {
     }
 }
 
-/// `DARK` if the pixel is at least `offset` below the mean.
+/// `DARK` if the pixel is at least `offset` below that share of the sum.
 #[inline]
 fn dark(pixel: u8, sum: i32, share: f32, offset: f32) -> u8 {
     u8::from(f32::from(pixel) + offset <= sum as f32 * share)
@@ -138,8 +144,8 @@ mod tests {
     use super::*;
 
     /// The definition, pixel by pixel.
-    fn slowly(image: GreyImage<'_>, window_px: usize, offset: f32) -> Vec<u8> {
-        let (width, height, reach) = (image.width(), image.height(), window_px / 2);
+    fn slowly(image: GreyImage<'_>, cut: Cut) -> Vec<u8> {
+        let (width, height, reach) = (image.width(), image.height(), cut.window_px / 2);
         let mut pixels = vec![BRIGHT; (width + 2) * (height + 2)];
         for y in 0..height {
             for x in 0..width {
@@ -152,7 +158,7 @@ mod tests {
                     })
                     .sum();
                 pixels[(y + 1) * (width + 2) + x + 1] =
-                    dark(image.row(y)[x], sum, 1.0 / count as f32, offset);
+                    dark(image.row(y)[x], sum, cut.ratio / count as f32, cut.offset);
             }
         }
         pixels
@@ -166,9 +172,10 @@ mod tests {
         for (width, height) in [(61, 43), (43, 61), (7, 300), (300, 7), (1, 9), (9, 1)] {
             let image = GreyImage::new(width, height, &noise[..width * height]).unwrap();
             for window_px in [3, 5, 23, 101] {
-                threshold.apply(image, window_px, 10.0, &mut binary);
+                let cut = Cut { window_px, ratio: 0.9, offset: 10.0 };
+                threshold.apply(image, cut, &mut binary);
                 assert_eq!(binary.stride, width + 2);
-                assert!(binary.pixels == slowly(image, window_px, 10.0), "{width} × {height}");
+                assert!(binary.pixels == slowly(image, cut), "{width} × {height}");
             }
         }
     }

@@ -266,12 +266,14 @@ fn every_point_of_a_printed_sheet_is_found() {
                 if !on_sheet { 0.35 } else { f64::from(u8::from(!layout.is_black(uv))) }
             });
             let mut seen = vec![false; 625];
-            let mut worst = 0.0_f64;
+            let (mut worst, mut squares, mut count) = (0.0_f64, 0.0, 0.0);
             for marker in detector.detect(image.view()) {
                 let places = layout.marker(marker.id).expect("no other id").corners;
                 for (place, [x, y]) in places.iter().zip(marker.corners_px) {
                     let [u, v] = apply(&h, place.uv_share);
-                    worst = worst.max((x - u).hypot(y - v));
+                    let error = (x - u).hypot(y - v);
+                    (squares, count) = (squares + error * error, count + 1.0);
+                    worst = worst.max(error);
                     if let Some(node) = place.node {
                         seen[node] = true;
                     }
@@ -279,7 +281,8 @@ fn every_point_of_a_printed_sheet_is_found() {
             }
             let points = seen.into_iter().filter(|seen| *seen).count();
             let view = format!("{side:?}, {distance_m} m, {tilt_deg}°");
-            eprintln!("{view}: {points} of 169 points, worst {worst:.3} px");
+            let rms = f64::sqrt(squares / count);
+            eprintln!("{view}: {points} of 169 points, rms {rms:.3} px, worst {worst:.3} px");
             assert!(points >= points_min && worst < limit_px, "{view}");
         }
     }

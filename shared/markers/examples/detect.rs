@@ -2,7 +2,8 @@
 //! `cargo run --release -p orime-markers --example detect -- DICT IMAGE...`
 //!
 //! DICT is the name of a predefined dictionary or the path of a YAML file. `--repeat N` first
-//! detects N times and states the median time. The environment's `ORIME_MARKERS_PARAMS` may hold parameters as JSON.
+//! detects N times and states the median time. The environment's `ORIME_MARKERS_PARAMS` may hold
+//! parameters as JSON.
 
 use std::env;
 use std::error::Error;

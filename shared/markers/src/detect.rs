@@ -38,10 +38,12 @@ const FINAL_REACH_PX: std::ops::RangeInclusive<f64> = 0.75..=1.0;
 
 /// Finds the markers of one dictionary; keeps its room between images.
 ///
-/// 1. threshold at the mean of a window, for several windows, and at a share of it; 2. outer
-/// borders of dark regions; 3. Douglas–Peucker to four convex vertices; 4. a line per side to the
-/// strongest edge; 5. homography, samples in every module, Otsu, border check; 6. dictionary in
-/// four turns.
+/// 1. threshold at the mean of a window, for several windows, and at a share of it;
+/// 2. outer borders of dark regions;
+/// 3. Douglas–Peucker to four convex vertices;
+/// 4. a line per side to the strongest edge;
+/// 5. homography, samples in every module, Otsu, border check;
+/// 6. dictionary in four turns.
 ///
 /// Equal images give equal markers. O(pixels · windows); no allocation once the room is there.
 #[derive(Debug)]

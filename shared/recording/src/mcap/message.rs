@@ -213,10 +213,7 @@ pub(super) fn cloud(out: &mut Vec<u8>, time_ns: u64, points: &[ObservedPoint]) {
 }
 
 /// Reads what [`cloud`] writes; `points` is cleared first.
-pub(super) fn read_cloud(
-    message: &[u8],
-    points: &mut Vec<ObservedPoint>,
-) -> Result<(), Malformed> {
+pub(super) fn read_cloud(message: &[u8], points: &mut Vec<ObservedPoint>) -> Result<(), Malformed> {
     points.clear();
     let mut stride = 0;
     let mut data: &[u8] = &[];
@@ -230,7 +227,8 @@ pub(super) fn read_cloud(
     if stride as usize != POINT_BYTES || !data.len().is_multiple_of(POINT_BYTES) {
         return Err(Malformed("the cloud's points are not observed points"));
     }
-    points.extend(data.chunks_exact(POINT_BYTES).map(bytemuck::pod_read_unaligned::<ObservedPoint>));
+    points
+        .extend(data.chunks_exact(POINT_BYTES).map(bytemuck::pod_read_unaligned::<ObservedPoint>));
     Ok(())
 }
 

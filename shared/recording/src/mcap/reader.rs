@@ -336,7 +336,7 @@ fn cameras(
     };
     let count = channels
         .values()
-        .filter_map(|channel| channel.camera.as_ref().map(|(index, ..)| index + 1))
+        .filter_map(|channel| channel.camera.as_ref().map(|(index, ..)| index.saturating_add(1)))
         .max()
         .unwrap_or(0);
     let mut cameras = Vec::new();
@@ -359,10 +359,7 @@ fn cameras(
                 Err(wrong(format!("its {} is wrong: {what}; record it again", role.name())))
             }
             Some(constant) => Ok(constant),
-            None => {
-                let (missing, topic) = (role.name(), role.topic(&name));
-                Err(wrong(format!("its {missing} on topic `{topic}` is missing; record it again")))
-            }
+            None => Err(wrong(format!("its {} is missing; record it again", role.name()))),
         };
         let lens = |role: Role| match constant(role)? {
             Constant::Lens(lens) => Ok(lens.clone()),

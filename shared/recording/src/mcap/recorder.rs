@@ -99,8 +99,9 @@ impl Recorder {
         let mut writer = options.create(Sink::new(sink)).map_err(failed)?;
         writer.write_metadata(&description(set, cameras)).map_err(failed)?;
         let cameras = (0..)
+            .zip(topic::camera_parts(cameras))
             .zip(cameras)
-            .map(|(index, camera)| RecordedCamera::add(&mut writer, index, camera))
+            .map(|((index, part), camera)| RecordedCamera::add(&mut writer, index, &part, camera))
             .collect::<Result<_, _>>()
             .map_err(failed)?;
         Ok(Self {
@@ -124,6 +125,7 @@ impl Recorder {
         exposure_ns: u64,
         frame: RgbdFrame<'_>,
     ) -> Result<(), RecordError> {
+        let first = self.cameras.iter().all(|camera| camera.color.last.is_none());
         let about = &mut self.cameras[camera];
         if !frame.fits(&about.camera) {
             return Err(RecordError::Size {
@@ -139,7 +141,13 @@ impl Recorder {
             sequence,
             time_ns: exposure_ns,
         };
-        about.write(&mut out, frame).map_err(|source| self.failed(source))
+        let others = self.cameras.iter().enumerate().filter(|(k, _)| first && *k != camera);
+        // A camera that never delivers has its place in the recording all the same.
+        others
+            .map(|(_, other)| other.write_calibration(&mut out))
+            .collect::<Result<(), _>>()
+            .and_then(|()| self.cameras[camera].write(&mut out, frame))
+            .map_err(|source| self.failed(source))
     }
 
     /// Writes one observed cloud, world frame.
@@ -271,6 +279,7 @@ impl RecordedCamera {
     fn add(
         writer: &mut Writer<Sink>,
         index: usize,
+        part: &str,
         camera: &RgbdCamera,
     ) -> Result<Self, ::mcap::McapError> {
         let mut channel = |schema: &Schema, role: Role| {
@@ -281,7 +290,7 @@ impl RecordedCamera {
                 (topic::NAME_KEY.into(), camera.name.clone()),
                 (topic::DEPTH_UNIT_KEY.into(), format!("{:?}", camera.depth_m_per_unit)),
             ]);
-            add_channel(writer, schema, &role.topic(&camera.name), &metadata)
+            add_channel(writer, schema, &role.topic(part), &metadata)
         };
         Ok(Self {
             color_calibration: channel(&schemas::CAMERA_CALIBRATION, Role::ColorCalibration)?,
@@ -290,14 +299,14 @@ impl RecordedCamera {
             color_from_depth: channel(&schemas::FRAME_TRANSFORM, Role::ColorFromDepth)?,
             color: Channel { id: channel(&schemas::RAW_IMAGE, Role::ColorImage)?, last: None },
             depth: channel(&schemas::RAW_IMAGE, Role::DepthImage)?,
-            color_frame: format!("{}_color", camera.name),
-            depth_frame: format!("{}_depth", camera.name),
+            color_frame: format!("{part}_color"),
+            depth_frame: format!("{part}_depth"),
             camera: camera.clone(),
         })
     }
 
-    /// Writes one frame and everything that is needed to understand it.
-    fn write(&self, out: &mut Out<'_>, frame: RgbdFrame<'_>) -> Result<(), ::mcap::McapError> {
+    /// Writes what is needed to understand a frame.
+    fn write_calibration(&self, out: &mut Out<'_>) -> Result<(), ::mcap::McapError> {
         let time_ns = out.time_ns;
         let RgbdCamera { color, depth, .. } = &self.camera;
         let [color_frame, depth_frame] = [&self.color_frame, &self.depth_frame].map(String::as_str);
@@ -310,14 +319,20 @@ impl RecordedCamera {
         out.send(self.world_from_color)?;
         let frames = [color_frame, depth_frame];
         message::transform(out.fresh(), time_ns, frames, &self.camera.color_from_depth);
-        out.send(self.color_from_depth)?;
+        out.send(self.color_from_depth)
+    }
 
+    /// Writes one frame, its calibration before it, as one chunk.
+    fn write(&self, out: &mut Out<'_>, frame: RgbdFrame<'_>) -> Result<(), ::mcap::McapError> {
+        self.write_calibration(out)?;
+        let time_ns = out.time_ns;
+        let RgbdCamera { color, depth, .. } = &self.camera;
         let size_px = [color.width, color.height];
-        message::image_head(out.fresh(), time_ns, color_frame, size_px, PixelKind::Rgb8);
+        message::image_head(out.fresh(), time_ns, &self.color_frame, size_px, PixelKind::Rgb8);
         message::image_pixels(out.message, frame.color_rgb);
         out.send(self.color.id)?;
         let size_px = [depth.width, depth.height];
-        message::image_head(out.fresh(), time_ns, depth_frame, size_px, PixelKind::Depth16);
+        message::image_head(out.fresh(), time_ns, &self.depth_frame, size_px, PixelKind::Depth16);
         message::image_pixels(out.message, bytemuck::cast_slice(frame.depth_units));
         out.send(self.depth)?;
         out.writer.flush()

@@ -11,10 +11,8 @@ pub(super) struct Schema {
     pub(super) descriptor: &'static [u8],
 }
 
-pub(super) const RAW_IMAGE: Schema = Schema {
-    name: "foxglove.RawImage",
-    descriptor: include_bytes!("schemas/RawImage.bin"),
-};
+pub(super) const RAW_IMAGE: Schema =
+    Schema { name: "foxglove.RawImage", descriptor: include_bytes!("schemas/RawImage.bin") };
 pub(super) const CAMERA_CALIBRATION: Schema = Schema {
     name: "foxglove.CameraCalibration",
     descriptor: include_bytes!("schemas/CameraCalibration.bin"),
@@ -23,11 +21,7 @@ pub(super) const FRAME_TRANSFORM: Schema = Schema {
     name: "foxglove.FrameTransform",
     descriptor: include_bytes!("schemas/FrameTransform.bin"),
 };
-pub(super) const POINT_CLOUD: Schema = Schema {
-    name: "foxglove.PointCloud",
-    descriptor: include_bytes!("schemas/PointCloud.bin"),
-};
-pub(super) const SCENE_UPDATE: Schema = Schema {
-    name: "foxglove.SceneUpdate",
-    descriptor: include_bytes!("schemas/SceneUpdate.bin"),
-};
+pub(super) const POINT_CLOUD: Schema =
+    Schema { name: "foxglove.PointCloud", descriptor: include_bytes!("schemas/PointCloud.bin") };
+pub(super) const SCENE_UPDATE: Schema =
+    Schema { name: "foxglove.SceneUpdate", descriptor: include_bytes!("schemas/SceneUpdate.bin") };

@@ -19,10 +19,7 @@ impl Sink {
         self.position
     }
 
-    fn guarded<T>(
-        &mut self,
-        call: impl FnOnce(&mut dyn Write) -> io::Result<T>,
-    ) -> io::Result<T> {
+    fn guarded<T>(&mut self, call: impl FnOnce(&mut dyn Write) -> io::Result<T>) -> io::Result<T> {
         if self.failed {
             return Err(io::Error::other("an earlier write failed"));
         }

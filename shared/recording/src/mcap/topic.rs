@@ -3,6 +3,8 @@
 //! Channel records lie inside chunks, whose checksums cover them; MCAP's own metadata records do
 //! not. What replay depends on therefore stands in the channels' metadata.
 
+use orime_geometry::RgbdCamera;
+
 /// Version of this arrangement; another one is refused.
 pub(super) const FORMAT: &str = "1";
 /// Channel metadata: [`FORMAT`].
@@ -23,6 +25,21 @@ pub(super) const SIZE_KEY: &str = "orime.size_m";
 pub(super) const DESCRIPTION: &str = "orime";
 /// The frame that everything is placed in.
 pub(super) const WORLD: &str = "world";
+
+/// What stands for each camera in topics and frame names: its name, with `_` for what is special in
+/// paths, and its index where two would be the same.
+pub(super) fn camera_parts(cameras: &[RgbdCamera]) -> Vec<String> {
+    let allowed = |c: char| c.is_alphanumeric() || matches!(c, '_' | '-' | '.');
+    let mut parts: Vec<String> = Vec::new();
+    for (index, camera) in cameras.iter().enumerate() {
+        let mut part = camera.name.replace(|c| !allowed(c), "_");
+        while part.is_empty() || parts.contains(&part) {
+            part += &format!("_{index}");
+        }
+        parts.push(part);
+    }
+    parts
+}
 
 /// What a channel holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -69,7 +86,7 @@ impl Role {
         Self::ALL.into_iter().find(|role| role.name() == name)
     }
 
-    /// The topic; `camera` is the camera's name, empty for roles that belong to none.
+    /// The topic; `camera` is the camera's part of it, empty for roles that belong to none.
     pub(super) fn topic(self, camera: &str) -> String {
         match self {
             Role::ColorImage => format!("/camera/{camera}/color/image"),

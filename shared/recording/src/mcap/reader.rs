@@ -317,7 +317,7 @@ fn check_magic(path: &Path, file: &mut File) -> Result<(), ReadError> {
         start if start.starts_with(b"#ROSBAG") => "a ROS 1 bag",
         start if start.starts_with(b"SQLite format 3") => "an SQLite database (a ROS 2 bag?)",
         start if start.starts_with(b"RRF") => "a rerun recording",
-        start if start.starts_with(&[0x89, b'P', b'N', b'G']) => "a PNG image",
+        [0x89, b'P', b'N', b'G', ..] => "a PNG image",
         _ => "something else",
     };
     Err(ReadError::NotMcap { path: path.to_owned(), found })

@@ -141,11 +141,10 @@ impl Recorder {
             sequence,
             time_ns: exposure_ns,
         };
-        let others = self.cameras.iter().enumerate().filter(|(k, _)| first && *k != camera);
+        let mut others = self.cameras.iter().enumerate().filter(|(k, _)| first && *k != camera);
         // A camera that never delivers has its place in the recording all the same.
         others
-            .map(|(_, other)| other.write_calibration(&mut out))
-            .collect::<Result<(), _>>()
+            .try_for_each(|(_, other)| other.write_calibration(&mut out))
             .and_then(|()| self.cameras[camera].write(&mut out, frame))
             .map_err(|source| self.failed(source))
     }

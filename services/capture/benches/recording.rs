@@ -6,7 +6,7 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use orime_capture::{CaptureParams, FrameSource, open};
+use orime_capture::{CaptureParams, open};
 use orime_geometry::{RgbdFrame, RgbdFrameMut, SheetGrid};
 use orime_recording::{McapRecording, Recorder};
 
@@ -69,7 +69,8 @@ fn main() {
 fn report(path: &Path, cameras: usize, megabytes: f64, bytes: u64) {
     let share = bytes as f64 / 1e6 / megabytes;
     println!(
-        "{STEPS} sets of {cameras} cameras, {megabytes:.0} MB of pixels: `{}` has {:.0} MB ({:.0} %)",
+        "{STEPS} sets of {cameras} cameras, {megabytes:.0} MB of pixels: \
+         `{}` has {:.0} MB ({:.0} %)",
         path.display(),
         bytes as f64 / 1e6,
         100.0 * share

@@ -1,16 +1,19 @@
 //! Recordings as MCAP files with Foxglove's schemas.
 //!
-//! | topic                                  | schema                       | time, sequence |
-//! |----------------------------------------|------------------------------|----------------|
-//! | `/camera/NAME/{color,depth}/image`       | `foxglove.RawImage` (`rgb8`, `16UC1`) | exposure, step |
-//! | `/camera/NAME/{color,depth}/calibration` | `foxglove.CameraCalibration` | as its image   |
-//! | `/camera/NAME/{color,depth}/transform`   | `foxglove.FrameTransform`    | as its image   |
-//! | `/cloud/observed`                      | `foxglove.PointCloud`        | exposure, step |
-//! | `/sheet/{estimate,truth}`              | `foxglove.SceneUpdate`       | exposure, step |
+//! | topic                                    | schema                                |
+//! |------------------------------------------|---------------------------------------|
+//! | `/camera/NAME/{color,depth}/image`       | `foxglove.RawImage`: `rgb8`, `16UC1`  |
+//! | `/camera/NAME/{color,depth}/calibration` | `foxglove.CameraCalibration`          |
+//! | `/camera/NAME/{color,depth}/transform`   | `foxglove.FrameTransform`             |
+//! | `/cloud/observed`                        | `foxglove.PointCloud`                 |
+//! | `/sheet/{estimate,truth}`                | `foxglove.SceneUpdate`, one entity    |
 //!
+//! Log and publish time of a message are its exposure, its sequence number is its step.
 //! Images are stored without loss, chunks compressed by LZ4, so that a replay is bit for bit what
 //! was recorded. [`Recorder`] writes, [`McapRecording`] reads.
 
+mod camera_out;
+mod cameras;
 mod chunk;
 mod error;
 mod loss;

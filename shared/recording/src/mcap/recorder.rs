@@ -5,11 +5,12 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use ::mcap::records::{MessageHeader, Metadata};
+use ::mcap::records::Metadata;
 use ::mcap::{Compression, WriteOptions, Writer};
 use orime_geometry::{ObservedPoint, RgbdCamera, RgbdFrame, SheetGrid};
 
-use super::message::{self, PixelKind};
+use super::camera_out::{Channel, Out, RecordedCamera, add_channel};
+use super::message;
 use super::schemas::{self, Schema};
 use super::sink::Sink;
 use super::topic::{self, Role};
@@ -50,26 +51,6 @@ pub struct Recorder {
     /// The grid that `triangles` belong to.
     grid: Option<SheetGrid>,
     triangles: Vec<[u32; 3]>,
-}
-
-/// A channel and the last thing that was written to it.
-#[derive(Debug, Clone, Copy)]
-struct Channel {
-    id: u16,
-    /// Step and exposure time, ns.
-    last: Option<[u64; 2]>,
-}
-
-struct RecordedCamera {
-    camera: RgbdCamera,
-    color_frame: String,
-    depth_frame: String,
-    color: Channel,
-    depth: u16,
-    color_calibration: u16,
-    depth_calibration: u16,
-    world_from_color: u16,
-    color_from_depth: u16,
 }
 
 impl Recorder {
@@ -243,101 +224,6 @@ impl Recorder {
     }
 }
 
-/// One call's way into the file.
-struct Out<'a> {
-    writer: &'a mut Writer<Sink>,
-    message: &'a mut Vec<u8>,
-    messages: &'a mut u64,
-    sequence: u32,
-    time_ns: u64,
-}
-
-impl Out<'_> {
-    /// The room for a message, empty.
-    fn fresh(&mut self) -> &mut Vec<u8> {
-        self.message.clear();
-        self.message
-    }
-
-    /// Appends the message at hand to the chunk.
-    fn send(&mut self, channel_id: u16) -> Result<(), ::mcap::McapError> {
-        let header = MessageHeader {
-            channel_id,
-            sequence: self.sequence,
-            log_time: self.time_ns,
-            publish_time: self.time_ns,
-        };
-        self.writer.write_to_known_channel(&header, self.message)?;
-        *self.messages += 1;
-        Ok(())
-    }
-}
-
-impl RecordedCamera {
-    /// Adds the camera's channels to the file.
-    fn add(
-        writer: &mut Writer<Sink>,
-        index: usize,
-        part: &str,
-        camera: &RgbdCamera,
-    ) -> Result<Self, ::mcap::McapError> {
-        let mut channel = |schema: &Schema, role: Role| {
-            let metadata = BTreeMap::from([
-                (topic::FORMAT_KEY.into(), topic::FORMAT.into()),
-                (topic::ROLE_KEY.into(), role.name().into()),
-                (topic::CAMERA_KEY.into(), index.to_string()),
-                (topic::NAME_KEY.into(), camera.name.clone()),
-                (topic::DEPTH_UNIT_KEY.into(), format!("{:?}", camera.depth_m_per_unit)),
-            ]);
-            add_channel(writer, schema, &role.topic(part), &metadata)
-        };
-        Ok(Self {
-            color_calibration: channel(&schemas::CAMERA_CALIBRATION, Role::ColorCalibration)?,
-            depth_calibration: channel(&schemas::CAMERA_CALIBRATION, Role::DepthCalibration)?,
-            world_from_color: channel(&schemas::FRAME_TRANSFORM, Role::WorldFromColor)?,
-            color_from_depth: channel(&schemas::FRAME_TRANSFORM, Role::ColorFromDepth)?,
-            color: Channel { id: channel(&schemas::RAW_IMAGE, Role::ColorImage)?, last: None },
-            depth: channel(&schemas::RAW_IMAGE, Role::DepthImage)?,
-            color_frame: format!("{part}_color"),
-            depth_frame: format!("{part}_depth"),
-            camera: camera.clone(),
-        })
-    }
-
-    /// Writes what is needed to understand a frame.
-    fn write_calibration(&self, out: &mut Out<'_>) -> Result<(), ::mcap::McapError> {
-        let time_ns = out.time_ns;
-        let RgbdCamera { color, depth, .. } = &self.camera;
-        let [color_frame, depth_frame] = [&self.color_frame, &self.depth_frame].map(String::as_str);
-        message::calibration(out.fresh(), time_ns, color_frame, color);
-        out.send(self.color_calibration)?;
-        message::calibration(out.fresh(), time_ns, depth_frame, depth);
-        out.send(self.depth_calibration)?;
-        let frames = [topic::WORLD, color_frame];
-        message::transform(out.fresh(), time_ns, frames, &self.camera.world_from_color);
-        out.send(self.world_from_color)?;
-        let frames = [color_frame, depth_frame];
-        message::transform(out.fresh(), time_ns, frames, &self.camera.color_from_depth);
-        out.send(self.color_from_depth)
-    }
-
-    /// Writes one frame, its calibration before it, as one chunk.
-    fn write(&self, out: &mut Out<'_>, frame: RgbdFrame<'_>) -> Result<(), ::mcap::McapError> {
-        self.write_calibration(out)?;
-        let time_ns = out.time_ns;
-        let RgbdCamera { color, depth, .. } = &self.camera;
-        let size_px = [color.width, color.height];
-        message::image_head(out.fresh(), time_ns, &self.color_frame, size_px, PixelKind::Rgb8);
-        message::image_pixels(out.message, frame.color_rgb);
-        out.send(self.color.id)?;
-        let size_px = [depth.width, depth.height];
-        message::image_head(out.fresh(), time_ns, &self.depth_frame, size_px, PixelKind::Depth16);
-        message::image_pixels(out.message, bytemuck::cast_slice(frame.depth_units));
-        out.send(self.depth)?;
-        out.writer.flush()
-    }
-}
-
 /// Notes a step of a channel; its sequence number in the file.
 fn in_order(
     path: &Path,
@@ -359,16 +245,6 @@ fn in_order(
             last: channel.last.unwrap_or_default(),
         }),
     }
-}
-
-fn add_channel(
-    writer: &mut Writer<Sink>,
-    schema: &Schema,
-    topic: &str,
-    metadata: &BTreeMap<String, String>,
-) -> Result<u16, ::mcap::McapError> {
-    let schema = writer.add_schema(schema.name, "protobuf", schema.descriptor)?;
-    writer.add_channel(schema, topic, "protobuf", metadata)
 }
 
 /// What people and tools want to know of the whole recording.

@@ -4,11 +4,13 @@ mod folder;
 mod open;
 mod params;
 mod playback;
+mod recording;
 mod rendered;
 mod source;
 
 pub use folder::{FolderConfig, FolderParams};
 pub use open::{OpenError, open};
 pub use params::{CaptureConfig, CaptureParams, SourceConfig, SourceKind};
+pub use recording::{RecordingConfig, RecordingParams};
 pub use rendered::{RenderedConfig, RenderedParams, ViewParams};
 pub use source::{FrameError, FrameReport, FrameSource};

@@ -1,8 +1,11 @@
 //! From a checked config to a source.
 
+use std::path::PathBuf;
+
 use orime_geometry::SheetGrid;
 
 use crate::folder::FolderSource;
+use crate::recording::RecordingSource;
 use crate::rendered::RenderedSource;
 use crate::{CaptureConfig, FrameSource, SourceConfig};
 
@@ -16,6 +19,19 @@ pub enum OpenError {
     /// The recording or its layout file is at fault; the message lists every problem.
     #[error(transparent)]
     Recording(#[from] orime_recording::LayoutError),
+    /// The MCAP file cannot be played.
+    #[error(transparent)]
+    File(#[from] orime_recording::ReadError),
+    /// The MCAP file is damaged, and the set does not say that this is accepted.
+    #[error(
+        "recording `{path}` is damaged: {loss}; set `recording.damaged = true` to play what is left"
+    )]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// What is damaged.
+        loss: orime_recording::Loss,
+    },
 }
 
 /// Opens the source that `config` describes, for a sheet of `sheet`'s size.
@@ -25,5 +41,8 @@ pub fn open(config: &CaptureConfig, sheet: &SheetGrid) -> Result<Box<dyn FrameSo
             Box::new(RenderedSource::open(rendered, config.repeat, sheet)?)
         }
         SourceConfig::Folder(folder) => Box::new(FolderSource::open(folder, config.repeat)?),
+        SourceConfig::Recording(recording) => {
+            Box::new(RecordingSource::open(recording, config.repeat)?)
+        }
     })
 }

@@ -4,6 +4,7 @@ use orime_params::{Checker, Problem};
 use serde::{Deserialize, Serialize};
 
 use crate::folder::{FolderConfig, FolderParams};
+use crate::recording::{RecordingConfig, RecordingParams};
 use crate::rendered::{RenderedConfig, RenderedParams};
 
 /// Where frames come from.
@@ -15,13 +16,15 @@ pub enum SourceKind {
     Rendered,
     /// Images in folders, described by a layout file.
     Folder,
+    /// An MCAP file that Orime recorded.
+    Recording,
 }
 
 /// The `[capture]` section of a set.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CaptureParams {
-    /// `"rendered"` (default) or `"folder"`; only that source's section is checked.
+    /// `"rendered"` (default), `"folder"` or `"recording"`; only that source's section is checked.
     pub source: SourceKind,
     /// Frame sets per second to be published, 0 to 1000; 0 (default) means as fast as the set
     /// takes them. Exposure times stay the source's own.
@@ -31,8 +34,10 @@ pub struct CaptureParams {
     pub repeat: bool,
     /// The virtual scene.
     pub rendered: RenderedParams,
-    /// The recording.
+    /// Images in folders.
     pub folder: FolderParams,
+    /// A recorded MCAP file.
+    pub recording: RecordingParams,
 }
 
 /// A checked `[capture]` section.
@@ -53,12 +58,14 @@ pub enum SourceConfig {
     Rendered(RenderedConfig),
     /// See [`SourceKind::Folder`].
     Folder(FolderConfig),
+    /// See [`SourceKind::Recording`].
+    Recording(RecordingConfig),
 }
 
 impl CaptureParams {
     /// Checks the section; every problem at once.
     pub fn check(&self) -> Result<CaptureConfig, Vec<Problem>> {
-        let Self { source, fps, repeat, rendered, folder } = self;
+        let Self { source, fps, repeat, rendered, folder, recording } = self;
         let mut checker = Checker::new();
         checker.require(
             0.0 <= *fps && *fps <= 1000.0,
@@ -69,6 +76,7 @@ impl CaptureParams {
         let (key, source) = match source {
             SourceKind::Rendered => ("rendered", rendered.check().map(SourceConfig::Rendered)),
             SourceKind::Folder => ("folder", folder.check().map(SourceConfig::Folder)),
+            SourceKind::Recording => ("recording", recording.check().map(SourceConfig::Recording)),
         };
         let source = source.map_err(|problems| checker.nested(key, problems)).ok();
         match source {
@@ -104,5 +112,7 @@ mod tests {
         assert_eq!(keys(&params), ["fps", "rendered.steps"]);
         params.source = SourceKind::Folder;
         assert_eq!(keys(&params), ["fps", "folder.layout"]);
+        params.source = SourceKind::Recording;
+        assert_eq!(keys(&params), ["fps", "recording.file"]);
     }
 }

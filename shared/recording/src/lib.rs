@@ -1,5 +1,6 @@
-//! Recordings on disk: RGB-D folders, point clouds and meshes.
+//! Recordings on disk: MCAP files, RGB-D folders, point clouds and meshes.
 //!
+//! * [`mcap`]: recordings as MCAP files with Foxglove's schemas;
 //! * [`folder`]: RGB-D images in folders, described by a small layout file;
 //! * [`image`]: JPEG and PNG files decoded straight into a frame's buffers;
 //! * [`ply`]: point clouds and meshes as PLY;
@@ -9,6 +10,7 @@
 pub mod folder;
 pub mod grid;
 pub mod image;
+pub mod mcap;
 pub mod obj;
 pub mod ply;
 pub mod template;
@@ -16,5 +18,6 @@ pub mod template;
 pub use folder::{FolderLayout, FolderRecording, LayoutError};
 pub use grid::{GridError, QuadGrid};
 pub use image::{ImageError, ImageReader};
+pub use mcap::{Loss, McapRecording, ReadError, RecordError, Recorded, Recorder, SheetState};
 pub use obj::{Obj, ObjError};
 pub use ply::PlyError;

@@ -97,7 +97,7 @@ mod tests {
     #[test]
     fn only_the_chosen_source_is_checked_and_all_problems_come_at_once() {
         let mut params = CaptureParams { fps: f64::NAN, ..CaptureParams::default() };
-        params.rendered.steps = 1;
+        params.rendered.steps = Some(1);
         let keys = |params: &CaptureParams| -> Vec<String> {
             params.check().unwrap_err().into_iter().map(|p| p.key).collect()
         };

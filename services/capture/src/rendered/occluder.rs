@@ -35,9 +35,9 @@ const fn block(center_m: [f64; 3], half_m: [f64; 3], yaw_rad: f64) -> Block {
 
 /// Two fingers and a body behind them.
 const GRIPPER: [Block; 3] = [
-    block([-0.012, 0.0, 0.0045], [0.016, 0.006, 0.004], 0.0),
-    block([-0.012, 0.0, -0.0045], [0.016, 0.006, 0.004], 0.0),
-    block([-0.068, 0.0, 0.0], [0.040, 0.022, 0.018], 0.0),
+    block([-0.017, 0.0, 0.0035], [0.021, 0.004, 0.003], 0.0),
+    block([-0.017, 0.0, -0.0035], [0.021, 0.004, 0.003], 0.0),
+    block([-0.068, 0.0, 0.0], [0.030, 0.016, 0.012], 0.0),
 ];
 
 /// Thumb and forefinger on the sheet, three bent fingers, the back of the hand, the forearm.

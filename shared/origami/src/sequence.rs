@@ -19,7 +19,7 @@ const GRASP_M: f64 = 0.008;
 #[derive(Debug, Clone)]
 enum Motion {
     Flaps(Flaps),
-    SquareBase(SquareBase),
+    SquareBase(Box<SquareBase>),
     Accordion(Accordion),
     SoftFold(SoftFold, Vec<f64>),
     Wave(Wave, Vec<f64>),
@@ -97,7 +97,8 @@ impl Sequence {
         let grasps = base.grasps().into_iter();
         let grasps = grasps.map(|(uv_m, t)| Grasp { uv_m, during: t.map(|t| t / steps) });
         let grasps = grasps.collect();
-        let mut sequence = Self::new(sheet, Motion::SquareBase(base), facets, steps as u64);
+        let mut sequence =
+            Self::new(sheet, Motion::SquareBase(Box::new(base)), facets, steps as u64);
         (sequence.creases, sequence.grasps) = (creases, grasps);
         sequence.stacks = SquareBase::stacks();
         Ok(sequence)

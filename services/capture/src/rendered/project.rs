@@ -15,6 +15,8 @@ pub(super) struct Projected {
     count: usize,
     corners_px: [[f64; 2]; CORNERS_MAX],
     edges: [Edge; CORNERS_MAX],
+    /// Least and greatest column and row of the corners, pixels.
+    bounds_px: [[f64; 2]; 2],
     /// `per_depth · (x, y, 1) = (u/z, v/z, 1/z)` for the facet's point at pixel `(x, y)`.
     pub per_depth: Matrix3<f64>,
 }
@@ -41,8 +43,13 @@ impl Projected {
             0.0, 0.0, 1.0,
         );
         let per_depth = (intrinsics * plane).try_inverse()?;
-        let mut projected =
-            Self { count, corners_px, edges: [Edge::default(); CORNERS_MAX], per_depth };
+        let mut projected = Self {
+            count,
+            corners_px,
+            edges: [Edge::default(); CORNERS_MAX],
+            bounds_px: [[0.0; 2]; 2],
+            per_depth,
+        };
         projected.set_edges()?;
         Some(projected)
     }
@@ -74,9 +81,7 @@ impl Projected {
 
     /// First and last image row that the facet may touch, within `0..height`; empty if none.
     pub fn rows(&self, height: usize) -> std::ops::Range<usize> {
-        let ys = self.corners_px[..self.count].iter().map(|c| c[1]);
-        let low = ys.clone().fold(f64::INFINITY, f64::min) - 0.5;
-        let high = ys.fold(f64::NEG_INFINITY, f64::max) + 0.5;
+        let [low, high] = [self.bounds_px[1][0] - 0.5, self.bounds_px[1][1] + 0.5];
         let clip = |y: f64| y.clamp(0.0, height as f64) as usize;
         clip(low.floor())..clip(high.ceil() + 1.0)
     }
@@ -90,8 +95,7 @@ impl Projected {
 
     /// Leftmost and rightmost corner, pixels.
     pub fn columns(&self) -> [f64; 2] {
-        let xs = self.corners_px[..self.count].iter().map(|c| c[0]);
-        [xs.clone().fold(f64::INFINITY, f64::min), xs.fold(f64::NEG_INFINITY, f64::max)]
+        self.bounds_px[0]
     }
 
     /// Columns in `0..width` of the pixel centres of row `y` that lie at least `inset_px` inside
@@ -122,6 +126,11 @@ impl Projected {
 
     fn set_edges(&mut self) -> Option<()> {
         let corners = &self.corners_px[..self.count];
+        self.bounds_px = [0, 1].map(|k| {
+            let values = corners.iter().map(|c| c[k]);
+            let low = values.clone().fold(f64::INFINITY, f64::min);
+            [low, values.fold(f64::NEG_INFINITY, f64::max)]
+        });
         let next = |k: usize| corners[(k + 1) % corners.len()];
         let area: f64 = (0..corners.len())
             .map(|k| corners[k][0] * next(k)[1] - next(k)[0] * corners[k][1])

@@ -34,8 +34,10 @@ pub(super) struct Scan {
     rgb: Vec<[f32; 3]>,
     /// One row of fibres for each face of the sheet.
     fibres: Vec<bool>,
-    /// Faces of the middle instant, for their fibres.
+    /// Faces of one instant, for their fibres.
     middle: Vec<Option<Projected>>,
+    /// Which layers a row touches, for each instant.
+    active: [Vec<usize>; INSTANTS],
     /// Nearest inverse depth of each sample of one row of samples.
     nearest: Vec<f32>,
     /// Which face each sample of a pixel row sees.
@@ -49,6 +51,7 @@ impl Scan {
             rgb: Vec::with_capacity(FACES_MAX),
             fibres: Vec::with_capacity(FACES_MAX),
             middle: Vec::with_capacity(FACES_MAX),
+            active: std::array::from_fn(|_| Vec::with_capacity(FACES_MAX)),
             nearest: vec![0.0; 2 * width],
             seen: std::array::from_fn(|_| vec![TABLE; 2 * width]),
         }
@@ -63,13 +66,15 @@ impl Scan {
         self.rgb.clear();
         self.fibres.clear();
         self.middle.clear();
-        for face in scene.faces() {
+        // A gripper that lets go within the exposure is missing from some instants.
+        let instants = if scene.is_blurred() { INSTANTS } else { 1 };
+        let fullest = (0..instants).map(|k| scene.faces_at(k)).max_by_key(|faces| faces.len());
+        for face in fullest.unwrap_or_default() {
             let light = paint::shade(&face.normal_towards(&eye_m)) as f32;
             self.rgb.push(face.rgb.map(|c| c * light));
             self.fibres.push(face.is_sheet);
             self.middle.push(project(face));
         }
-        let instants = if scene.is_blurred() { INSTANTS } else { 1 };
         for (k, layers) in self.layers.iter_mut().enumerate() {
             layers.clear();
             if k < instants {
@@ -84,12 +89,19 @@ impl Scan {
         let width = row.len() / 3;
         let instants = if self.layers[1].is_empty() { 1 } else { INSTANTS };
         let Some(columns) = self.columns(y, height, width, instants) else { return };
+        for (active, layers) in self.active.iter_mut().zip(&self.layers[..instants]) {
+            active.clear();
+            let touched = layers.iter().enumerate();
+            let touched = touched.filter(|(_, (_, face))| face.rows(height).contains(&y));
+            active.extend(touched.map(|(k, _)| k));
+        }
         for sub in 0..SUB_ROWS {
             let samples = 2 * columns.start..2 * columns.end;
             self.nearest[samples.clone()].fill(0.0);
             self.seen[sub][samples].fill(TABLE);
             let layers = &self.layers[sub % instants];
-            for (id, face) in layers.iter().filter(|(_, face)| face.rows(height).contains(&y)) {
+            for k in &self.active[sub % instants] {
+                let (id, face) = &layers[*k];
                 let seen = &mut self.seen[sub];
                 sample(face, *id, y, sub, &columns, &mut self.nearest, seen);
             }

@@ -124,8 +124,8 @@ impl Edges {
             let neighbours = [
                 here - 1,
                 here + 1,
-                here.saturating_sub(width),
-                (here + width).min(exact.len() - 1),
+                if y > 0 { here - width } else { here },
+                if here + width < exact.len() { here + width } else { here },
             ];
             // Quick way out for nearly all pixels.
             let [a, b, c, d] = neighbours.map(|k| exact[k]);

@@ -74,6 +74,13 @@ impl RenderedSource {
         let sequence = sequence(p, sheet.size_m)
             .map_err(|error| OpenError::Scene(format!("`rendered.{}`: {error}", key_of(&error))))?
             .placed(p.sheet_center_m, p.sheet_yaw_deg.to_radians());
+        let n_faces = sequence.facets().len() + occluder::FACES_MAX;
+        if n_faces > scan::FACES_MAX {
+            return Err(OpenError::Scene(format!(
+                "`rendered.sequence`: a sheet of {:?} m bends in too many strips; use a smaller one",
+                sheet.size_m
+            )));
+        }
         let cameras: Vec<RgbdCamera> = p.views.iter().map(|view| camera::rgbd(p, view)).collect();
         let wood = Texture::wood(p.seed);
         let mut views = Vec::with_capacity(cameras.len());

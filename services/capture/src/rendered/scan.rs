@@ -182,12 +182,14 @@ fn sample(
     let phase = (PHASES[sub] as f64 + 0.5) / SUB_ROWS as f64;
     // Sample n stands at column (n + phase) / 2 − 1/2.
     let [low, high] = face.chord(y, 0.0).map(|x| 2.0 * (x + 0.5) - phase);
-    let start = low.ceil().max(2.0 * columns.start as f64);
-    let end = high.floor().min(2.0 * columns.end as f64 - 1.0);
-    if start > end {
+    let low = low.max(2.0 * columns.start as f64);
+    let high = high.min(2.0 * columns.end as f64 - 1.0);
+    // Neither is negative here, so a cast rounds down.
+    let start = low as usize + usize::from(low > (low as usize) as f64);
+    if high < 0.0 || start > high as usize {
         return;
     }
-    let (start, end) = (start as usize, end as usize + 1);
+    let end = high as usize + 1;
     let inverse = Vector3::from(face.per_depth.row(2).transpose());
     let step = (inverse.x / 2.0) as f32;
     let x = (start as f64 + phase) / 2.0 - 0.5;

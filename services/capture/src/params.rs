@@ -48,6 +48,7 @@ pub struct CaptureConfig {
 
 /// A checked source.
 #[derive(Debug, Clone, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "there is one in a process")]
 pub enum SourceConfig {
     /// See [`SourceKind::Rendered`].
     Rendered(RenderedConfig),

@@ -3,11 +3,6 @@
 //!
 //! The real plane is the desk of `paper_desk` under `$ORIME_DATA` (or `../shared/data`).
 
-use std::path::{Path, PathBuf};
-
-use orime_capture::{CaptureParams, SourceKind, open};
-use orime_geometry::{RgbdFrameMut, SheetGrid};
-
 #[path = "../tests/plane/mod.rs"]
 mod plane;
 
@@ -18,30 +13,8 @@ fn main() {
         let expected_mm = (0.39f64.powi(2) + (2.8 * z_m * z_m).powi(2)).sqrt();
         print(&format!("rendered D415  {z_m:.2}"), &plane::measure(&patches), Some(expected_mm));
     }
-    let repository = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    let data = std::env::var_os("ORIME_DATA")
-        .map_or_else(|| repository.join("../shared/data"), PathBuf::from);
-    if !data.join("paper_desk").is_dir() {
-        println!("paper_desk: SKIPPED, not found under {}", data.display());
-        return;
-    }
-    let mut params = CaptureParams { source: SourceKind::Folder, ..CaptureParams::default() };
-    let layout = repository.join("tests/sets/layouts/paper_desk.toml");
-    params.folder.layout = layout.to_string_lossy().into_owned();
-    params.folder.data_dir = Some(data.to_string_lossy().into_owned());
-    let config = params.check().expect("the parameters are right");
-    let mut source = open(&config, &SheetGrid::new([0.21, 0.297], [5, 5])).expect("it opens");
-    let about = source.cameras()[0].clone();
-    let (width, height) = (about.depth.width as usize, about.depth.height as usize);
-    let mut patches = Vec::new();
-    for step in 0..source.steps().expect("the recording ends") {
-        let mut rgb = vec![0; 3 * about.color.pixels()];
-        let mut units = vec![0; about.depth.pixels()];
-        let frame = RgbdFrameMut { color_rgb: &mut rgb, depth_units: &mut units };
-        source.read(step, 0, frame).expect("the frame is whole");
-        patches.extend(plane::flat(&units, [width, height], about.depth_m_per_unit));
-    }
-    let z_m = patches.iter().map(|p| p.mean_m).sum::<f64>() / patches.len() as f64;
+    let Some(patches) = plane::real() else { return };
+    let z_m = plane::distance_m(&patches);
     print(&format!("real Xtion     {z_m:.2}"), &plane::measure(&patches), None);
     println!("({} flat patches of paper_desk; vision.md: 0.80 mm at 0.5 m)", patches.len());
 }

@@ -77,7 +77,8 @@ impl RenderedSource {
         let n_faces = sequence.facets().len() + occluder::FACES_MAX;
         if n_faces > scan::FACES_MAX {
             return Err(OpenError::Scene(format!(
-                "`rendered.sequence`: a sheet of {:?} m bends in too many strips; use a smaller one",
+                "`rendered.sequence`: a sheet of {:?} m bends in too many strips; \
+                 use a smaller one",
                 sheet.size_m
             )));
         }

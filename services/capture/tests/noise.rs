@@ -10,7 +10,11 @@ use orime_geometry::{RgbdFrameMut, SheetGrid};
 #[test]
 fn a_plane_is_as_noisy_as_to_real_cameras() {
     for z_m in [0.3, 0.5, 0.8] {
-        let noise = plane::measure(&plane::rendered(z_m, 12));
+        let patches = plane::rendered(z_m, 12);
+        let noise = plane::measure(&patches);
+        // 4 to 5.5 mm short.
+        let short_m = z_m - plane::distance_m(&patches);
+        assert!((0.0035..0.006).contains(&short_m), "{short_m} m short at {z_m} m");
         // Fitted on three real D415s at 0.35 to 1.2 m; vision.md.
         let expected_m = (0.00039f64.powi(2) + (0.0028 * z_m * z_m).powi(2)).sqrt();
         let ratio = noise.sigma_m / expected_m;
@@ -18,6 +22,15 @@ fn a_plane_is_as_noisy_as_to_real_cameras() {
         // Real: 3 to 6 px.
         assert!((3.0..=6.0).contains(&noise.length_px), "{z_m} m: {} px", noise.length_px);
     }
+}
+
+#[test]
+fn the_measure_finds_on_a_real_plane_what_others_found() {
+    let Some(patches) = plane::real() else { return };
+    // vision.md, Xtion half a metre away: 0.80 mm, correlation 0.74 at 1 px.
+    let noise = plane::measure(&patches);
+    assert!((noise.sigma_m / 0.0008 - 1.0).abs() < 0.15, "{} m", noise.sigma_m);
+    assert!((noise.correlation[1] - 0.74).abs() < 0.1, "{}", noise.correlation[1]);
 }
 
 /// Mean widths of the holes on the left and right of a standing pack of pleats, 25 mm high, that

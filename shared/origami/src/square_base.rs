@@ -9,7 +9,8 @@
 //! fold 2 110..200   half OA* turns about OD onto OC*       OCD OCB OAB OAD
 //! squash 200..300   lift A 90° (200..240), open            x>0: ODN OBN′ OBM′ OAM′, x<0: ODM OAM
 //! turn   300..400   rigid, about d, lifted
-//! squash 400..540   lift C 90° (400..455), open            up: OCN ODN ODM OAM | OCN′ OBN′ OBM′ OAM′
+//! squash 400..540   lift C 90° (400..455), open            top to bottom  OCN ODN ODM OAM,
+//!                                                           OCN′ OBN′ OBM′ OAM′
 //! ```
 //!
 //! Zero-thickness positions are exact (isometric to rounding). Layers are offset by one vector per

@@ -20,7 +20,10 @@ pub enum FaultPreset {
 
 /// Declares the faults: `key: unit and meaning, [none, noise, real], low..=high`.
 macro_rules! faults {
-    ($($(#[$doc:meta])* $key:ident: [$none:expr, $noise:expr, $real:expr], $low:expr, $high:expr;)*) => {
+    ($(
+        $(#[$doc:meta])*
+        $key:ident: [$none:expr, $noise:expr, $real:expr], $low:expr, $high:expr;
+    )*) => {
         /// The `[capture.rendered.fault]` section: single strengths instead of the preset's.
         #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
         #[serde(default, deny_unknown_fields)]

@@ -1,6 +1,8 @@
 //! How noisy a plane's depth is: strength and correlation, for rendered and real frames alike.
 
-use orime_capture::{CaptureParams, FaultPreset, RenderedParams, ViewParams, open};
+use std::path::{Path, PathBuf};
+
+use orime_capture::{CaptureParams, FaultPreset, RenderedParams, SourceKind, ViewParams, open};
 use orime_geometry::{RgbdFrameMut, SheetGrid};
 
 /// Longest lag of the correlation, pixels.
@@ -9,18 +11,21 @@ const LAG_MAX: usize = 16;
 /// A rectangle of depth of one surface.
 pub struct Patch {
     /// Mean depth, metres.
-    #[allow(dead_code, reason = "the example prints it")]
-    pub mean_m: f64,
+    mean_m: f64,
     /// What a quadratic leaves, metres.
     residual_m: Vec<f64>,
     width: usize,
+}
+
+/// Mean depth of all patches, metres.
+pub fn distance_m(patches: &[Patch]) -> f64 {
+    patches.iter().map(|patch| patch.mean_m).sum::<f64>() / patches.len() as f64
 }
 
 /// What a plane shows.
 pub struct Figures {
     /// Standard deviation after a quadratic is taken away, metres.
     pub sigma_m: f64,
-    #[allow(dead_code, reason = "the example prints it")]
     /// Correlation along rows at 0 to [`LAG_MAX`] pixels.
     pub correlation: [f64; LAG_MAX + 1],
     /// Where the correlation falls to 1/e, pixels.
@@ -65,9 +70,37 @@ pub fn rendered(z_m: f64, frames: u64) -> Vec<Patch> {
     patches
 }
 
+/// Flat patches of `paper_desk` under `$ORIME_DATA` (or `../shared/data`), which a real Xtion saw,
+/// or `None` after saying that it is not there.
+pub fn real() -> Option<Vec<Patch>> {
+    let repository = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let data = std::env::var_os("ORIME_DATA")
+        .map_or_else(|| repository.join("../shared/data"), PathBuf::from);
+    if !data.join("paper_desk").is_dir() {
+        eprintln!("paper_desk: SKIPPED, not found under {}", data.display());
+        return None;
+    }
+    let mut params = CaptureParams { source: SourceKind::Folder, ..CaptureParams::default() };
+    let layout = repository.join("tests/sets/layouts/paper_desk.toml");
+    params.folder.layout = layout.to_string_lossy().into_owned();
+    params.folder.data_dir = Some(data.to_string_lossy().into_owned());
+    let sheet = SheetGrid::new([0.21, 0.297], [5, 5]);
+    let mut source = open(&params.check().unwrap(), &sheet).unwrap();
+    let about = source.cameras()[0].clone();
+    let size_px = [about.depth.width as usize, about.depth.height as usize];
+    let mut patches = Vec::new();
+    for step in 0..source.steps().unwrap() {
+        let mut rgb = vec![0; 3 * about.color.pixels()];
+        let mut units = vec![0; about.depth.pixels()];
+        let frame = RgbdFrameMut { color_rgb: &mut rgb, depth_units: &mut units };
+        source.read(step, 0, frame).unwrap();
+        patches.extend(flat(&units, size_px, about.depth_m_per_unit));
+    }
+    Some(patches)
+}
+
 /// Patches of an image that are whole and as good as flat: the others show edges or bent things.
-#[allow(dead_code, reason = "only the example looks at real frames")]
-pub fn flat(units: &[u16], [width, height]: [usize; 2], m_per_unit: f64) -> Vec<Patch> {
+fn flat(units: &[u16], [width, height]: [usize; 2], m_per_unit: f64) -> Vec<Patch> {
     let size = [60, 48];
     let corners = (0..=height - size[1]).step_by(size[1]);
     let corners = corners.flat_map(|y| (0..=width - size[0]).step_by(size[0]).map(move |x| [x, y]));

@@ -6,12 +6,28 @@ use std::hint::black_box;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use orime_capture::{CaptureParams, FrameSource, SourceKind, open};
+use orime_capture::{
+    CaptureParams, FaultPreset, FrameSource, SequenceKind, SourceKind, Viewpoints, open,
+};
 use orime_geometry::{RgbdFrameMut, SheetGrid};
 
 fn main() {
     measure("rendered, 0.15 m square", &CaptureParams::default(), [0.15, 0.15]);
     measure("rendered, A4", &CaptureParams::default(), [0.21, 0.297]);
+    for (name, sequence) in [
+        ("square base", SequenceKind::SquareBase),
+        ("soft fold", SequenceKind::SoftFold),
+        ("blintz", SequenceKind::Blintz),
+    ] {
+        for (faults, what) in [(FaultPreset::Noise, "noise"), (FaultPreset::Real, "all faults")] {
+            let mut params = CaptureParams::default();
+            params.rendered.sequence = sequence;
+            params.rendered.viewpoints = Viewpoints::Five;
+            params.rendered.faults = faults;
+            params.rendered.steps = Some(60);
+            measure(&format!("rendered, {name}, 5 cameras, {what}"), &params, [0.15, 0.15]);
+        }
+    }
     let repository = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let data = std::env::var_os("ORIME_DATA")
         .map_or_else(|| repository.join("../shared/data"), PathBuf::from);

@@ -10,7 +10,11 @@ mod source;
 
 pub use folder::{FolderConfig, FolderParams};
 pub use open::{OpenError, open};
+pub use orime_origami::Gripper;
 pub use params::{CaptureConfig, CaptureParams, SourceConfig, SourceKind};
 pub use recording::{RecordingConfig, RecordingParams};
-pub use rendered::{RenderedConfig, RenderedParams, ViewParams};
+pub use rendered::{
+    FaultParams, FaultPreset, Model, Occluder, RenderedConfig, RenderedParams, SequenceKind,
+    ViewParams, Viewpoints,
+};
 pub use source::{FrameError, FrameReport, FrameSource};

@@ -53,6 +53,7 @@ pub struct CaptureConfig {
 
 /// A checked source.
 #[derive(Debug, Clone, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "there is one in a process")]
 pub enum SourceConfig {
     /// See [`SourceKind::Rendered`].
     Rendered(RenderedConfig),
@@ -105,7 +106,7 @@ mod tests {
     #[test]
     fn only_the_chosen_source_is_checked_and_all_problems_come_at_once() {
         let mut params = CaptureParams { fps: f64::NAN, ..CaptureParams::default() };
-        params.rendered.steps = 1;
+        params.rendered.steps = Some(1);
         let keys = |params: &CaptureParams| -> Vec<String> {
             params.check().unwrap_err().into_iter().map(|p| p.key).collect()
         };

@@ -1,44 +1,62 @@
 //! The `rendered` source: virtual RGB-D cameras that see a sheet being folded on a table.
 //!
-//! Geometry is exact ([`orime_origami::HalfFold`]); depth carries the noise of real stereo
-//! cameras; colour is anti-aliased at the sheet's edges by exact pixel coverage. The static table
-//! is prepared once. Each frame is written row by row straight into the caller's buffers: depth
-//! from a prepared row of table depths, colour by copying the prepared row of table colours and
-//! painting the sheet over it. That copy is how the table is drawn, not a copy of a frame, so
-//! [`FrameReport::copies`] is 0.
+//! Geometry is exact ([`orime_origami::Sequence`]); depth and colour carry the faults of real
+//! cameras, each with its own strength ([`FaultParams`]). The static table is prepared once. Each
+//! frame is written row by row straight into the caller's buffers: depth from a prepared image of
+//! table depths, colour by copying the prepared row of table colours and painting the sheet over
+//! it. That copy is how the table is drawn, not a copy of a frame, so [`FrameReport::copies`] is 0.
 //!
-//! Not modelled: cast shadows, motion blur, flying pixels, shadowed occlusion of the second
-//! imager, the sheet's bend at the crease, lens distortion.
+//! What is random depends on the seed, the step and the camera alone.
+//!
+//! Not modelled: cast shadows, the sheet's bend at a crease, lens distortion, refraction in glass.
 
 mod camera;
+mod color;
 mod coverage;
+mod depth;
+mod faults;
 mod measure;
 mod noise;
+mod occluder;
 mod paint;
 mod params;
 mod project;
+mod scan;
+mod scene;
+mod stereo;
 mod table;
+mod views;
 
+use orime_geometry::nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use orime_geometry::{RgbdCamera, RgbdFrameMut, SheetGrid};
-use orime_origami::{FoldLine, HalfFold, Timing};
+use orime_origami::{FoldError, FoldLine, Gripper, Sequence, Sheet, Timing};
 
-pub use params::{RenderedConfig, RenderedParams, ViewParams};
+pub use faults::{FaultParams, FaultPreset};
+pub use occluder::Occluder;
+pub use params::{RenderedConfig, RenderedParams, SequenceKind};
+pub use views::{Model, ViewParams, Viewpoints};
 
 use crate::playback::{After, Playback};
 use crate::{FrameError, FrameReport, FrameSource, OpenError};
 use camera::VirtualCamera;
-use noise::NoiseTile;
+use faults::Faults;
+use noise::{NoiseTile, hash, uniform};
+use scene::Scene;
 use table::Texture;
 
 /// The source; see the module.
 pub(crate) struct RenderedSource {
-    fold: HalfFold,
+    scene: Scene,
     playback: Playback,
     period_ns: u64,
     seed: u64,
+    faults: Faults,
+    tells_grippers: bool,
     noise: NoiseTile,
     paper: Texture,
+    /// As published.
     cameras: Vec<RgbdCamera>,
+    /// As they truly are.
     views: Vec<VirtualCamera>,
 }
 
@@ -52,39 +70,56 @@ impl RenderedSource {
         sheet: &SheetGrid,
     ) -> Result<Self, OpenError> {
         let p = config.params();
-        let size_m = sheet.size_m;
-        let line = FoldLine {
-            point_m: [0, 1].map(|k| p.fold_point[k] * size_m[k]),
-            angle_rad: p.fold_angle_deg.to_radians(),
-        };
-        let fold = HalfFold::new(size_m, line, p.thickness_m)
-            .map_err(|error| OpenError::Scene(format!("`rendered.fold_point`: {error}")))?
-            .placed(p.sheet_center_m, p.sheet_yaw_deg.to_radians())
-            .timed(Timing { rest_before: p.rest_before, rest_after: p.rest_after });
-        let cameras: Vec<RgbdCamera> = p.views.iter().map(|view| camera::rgbd(p, view)).collect();
-        for camera in &cameras {
-            check_distance(camera, &fold)?;
+        let faults = p.fault.over(p.faults);
+        let sequence = sequence(p, sheet.size_m)
+            .map_err(|error| OpenError::Scene(format!("`rendered.{}`: {error}", key_of(&error))))?
+            .placed(p.sheet_center_m, p.sheet_yaw_deg.to_radians());
+        let n_faces = sequence.facets().len() + occluder::FACES_MAX;
+        if n_faces > scan::FACES_MAX {
+            return Err(OpenError::Scene(format!(
+                "`rendered.sequence`: a sheet of {:?} m bends in too many strips; \
+                 use a smaller one",
+                sheet.size_m
+            )));
         }
-        let table = Texture::wood(p.seed);
-        let views = cameras.iter().map(|camera| VirtualCamera::new(p, camera, &table)).collect();
+        let cameras: Vec<RgbdCamera> = p.views.iter().map(|view| camera::rgbd(p, view)).collect();
+        let wood = Texture::wood(p.seed);
+        let mut views = Vec::with_capacity(cameras.len());
+        for (index, published) in cameras.iter().enumerate() {
+            check_distance(published, &sequence)?;
+            let seed = hash(p.seed ^ 0xca11, index as u64);
+            let truth = camera::displaced(published, &faults, seed);
+            views.push(VirtualCamera::new(p, &faults, (index, &truth), &wood));
+        }
+        let frames = p
+            .steps
+            .unwrap_or_else(|| (sequence.intervals() as f64 / p.speed).round().max(1.0) as u64 + 1);
         Ok(Self {
-            playback: Playback {
-                frames: p.steps,
-                after: if repeat { After::TurnBack } else { After::End },
-            },
+            playback: Playback { frames, after: if repeat { After::TurnBack } else { After::End } },
             period_ns: (1e9 / p.rate_hz).round() as u64,
             seed: p.seed,
-            noise: NoiseTile::new(p.seed, p.size_px, p.noise_correlation_px),
+            tells_grippers: p.gripper_poses,
+            noise: NoiseTile::new(p.seed, p.size_px, faults.noise_correlation_px),
             paper: Texture::paper(p.seed),
-            fold,
+            scene: Scene::new(sequence, faults.occluder, p.sheet_rgb, faults.exposure_s > 0.0),
+            faults,
             cameras,
             views,
         })
     }
 
-    /// Share of the fold's sequence at `step`, 0 to 1.
-    fn progress(&self, step: u64) -> f64 {
-        self.playback.frame(step) as f64 / (self.playback.frames - 1) as f64
+    /// Share of the sequence at `step`, 0 to 1, `late_periods` later.
+    fn progress(&self, step: u64, late_periods: f64) -> f64 {
+        let last = (self.playback.frames - 1) as f64;
+        let frame = self.playback.frame(step) as f64;
+        let is_back = self.playback.frame(step + 1) < self.playback.frame(step);
+        let late = if is_back { -late_periods } else { late_periods };
+        ((frame + late) / last).clamp(0.0, 1.0)
+    }
+
+    /// The number from which everything random in one frame follows.
+    fn random(&self, step: u64, camera: usize) -> u64 {
+        hash(self.seed, (step << 8) | camera as u64)
     }
 }
 
@@ -97,8 +132,14 @@ impl FrameSource for RenderedSource {
         self.playback.steps()
     }
 
-    fn exposure_ns(&self, step: u64, _camera: usize) -> u64 {
-        (step + 1) * self.period_ns
+    fn exposure_ns(&self, step: u64, camera: usize) -> u64 {
+        let due_ns = (step + 1) * self.period_ns;
+        let period_ns = self.period_ns as f64;
+        // Spread and jitter together stay below a whole period: time only goes forward.
+        let jitter_ns = (self.faults.stamp_jitter_s * 1e9).min(period_ns / 4.0);
+        let share = 2.0 * uniform(self.random(step, camera), 0x71e) - 1.0;
+        let late_ns = self.views[camera].late_periods * period_ns + share * jitter_ns;
+        due_ns.saturating_add_signed(late_ns.round() as i64)
     }
 
     fn read(
@@ -113,33 +154,87 @@ impl FrameSource for RenderedSource {
                 self.cameras[camera].name
             )));
         }
-        let pose = self.fold.pose(self.progress(step));
+        let progress = self.progress(step, self.views[camera].late_periods);
+        let per_second = 1e9 / self.period_ns as f64 / (self.playback.frames - 1) as f64;
+        self.scene.set(progress, self.faults.exposure_s * per_second);
+        let random = self.random(step, camera);
         let view = &mut self.views[camera];
-        view.draw_color(&self.fold, &pose, &self.paper, frame.color_rgb);
-        let grain = self.noise.at(noise::hash(self.seed, (step << 8) | camera as u64));
-        view.draw_depth(&self.fold, &pose, &grain, frame.depth_units);
+        view.color.draw(&self.scene, &self.paper, hash(random, 1), frame.color_rgb);
+        let grain = self.noise.at(random);
+        view.depth.draw(&self.scene, &grain, hash(random, 2), frame.depth_units);
         Ok(FrameReport { copies: 0 })
     }
 
     fn truth_m(&self, step: u64, sheet: &SheetGrid, nodes_m: &mut [[f32; 3]]) -> bool {
-        let progress = self.progress(step);
+        let sequence = self.scene.sequence();
+        let pose = sequence.pose(self.progress(step, 0.0));
         for (node, uv) in nodes_m.iter_mut().zip(sheet.uv_m()) {
-            *node = self.fold.position_m(uv, progress).coords.cast::<f32>().into();
+            *node = sequence.position_m(&pose, uv).coords.cast::<f32>().into();
         }
         true
     }
+
+    fn grippers(&self, step: u64, out: &mut Vec<Gripper>) {
+        out.clear();
+        if !self.tells_grippers {
+            return;
+        }
+        let sequence = self.scene.sequence();
+        let pose = sequence.pose(self.progress(step, 0.0));
+        let sigma_m = self.faults.gripper_noise_m;
+        let sigma_rad = self.faults.gripper_noise_deg.to_radians();
+        out.extend((0..).zip(sequence.grippers(&pose)).map(|(k, gripper)| {
+            let random = self.random(step, 0xa0 + k);
+            let normal = |salt: u64| noise::normal(random, salt);
+            let vector = |salt: u64| Vector3::from_fn(|axis, _| normal(salt + axis as u64));
+            let turn = UnitQuaternion::from_scaled_axis(vector(3) * sigma_rad);
+            let error = Isometry3::from_parts((vector(0) * sigma_m).into(), turn);
+            Gripper {
+                uv_m: [0, 1].map(|k| gripper.uv_m[k] + sigma_m * normal(6 + k as u64)),
+                world_from_gripper: gripper.world_from_gripper * error,
+            }
+        }));
+    }
 }
 
-/// Refuses a view that the sheet comes too near to, at any angle.
-fn check_distance(camera: &RgbdCamera, fold: &HalfFold) -> Result<(), OpenError> {
+/// What the section's `sequence` names.
+fn sequence(p: &RenderedParams, size_m: [f64; 2]) -> Result<Sequence, FoldError> {
+    let sheet = Sheet { size_m, thickness_m: p.thickness_m };
+    let line = FoldLine {
+        point_m: [0, 1].map(|k| p.fold_point[k] * size_m[k]),
+        angle_rad: p.fold_angle_deg.to_radians(),
+    };
+    let turn = Timing { rest_before: p.rest_before, rest_after: p.rest_after };
+    match p.sequence {
+        SequenceKind::HalfFold => Sequence::half_fold(sheet, line, turn),
+        SequenceKind::FoldUnfold => Sequence::fold_unfold(sheet, line),
+        SequenceKind::SquareBase => Sequence::square_base(sheet),
+        SequenceKind::GateFold => Sequence::gate_fold(sheet),
+        SequenceKind::Blintz => Sequence::blintz(sheet),
+        SequenceKind::Accordion => Sequence::accordion(sheet),
+        SequenceKind::SoftFold => Sequence::soft_fold(sheet),
+        SequenceKind::Wave => Sequence::wave(sheet),
+    }
+}
+
+/// The key that an impossible fold is to be mended at.
+fn key_of(error: &FoldError) -> &'static str {
+    match error {
+        FoldError::LineMissesSheet { .. } => "fold_point",
+        _ => "sequence",
+    }
+}
+
+/// Refuses a view that the sheet comes too near to, at any time.
+fn check_distance(camera: &RgbdCamera, sequence: &Sequence) -> Result<(), OpenError> {
     for lens in [camera.world_from_color, camera.world_from_depth()] {
         let lens_from_world = lens.inverse();
+        let mut pose = sequence.pose(0.0);
         for k in 0..=64 {
-            let poses = fold.pose(f64::from(k) / 64.0);
-            for (facet, pose) in fold.facets().iter().zip(poses) {
-                for [u, v] in &facet.corners_uv_m {
-                    let corner = pose * orime_geometry::nalgebra::Point3::new(*u, *v, 0.0);
-                    if (lens_from_world * corner).z < NEAR_M {
+            sequence.update(&mut pose, f64::from(k) / 64.0);
+            for (facet, pose) in sequence.facets().iter().zip(&pose.facets) {
+                for uv_m in &facet.corners_uv_m {
+                    if (lens_from_world * pose.position_m(*uv_m)).z < NEAR_M {
                         return Err(OpenError::Scene(format!(
                             "`rendered.views`: the sheet comes nearer than {NEAR_M} m to camera \
                              `{}`, or behind it; move `eye_m` away",

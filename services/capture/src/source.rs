@@ -1,6 +1,7 @@
 //! What every source of frames is to the rest of the system.
 
 use orime_geometry::{RgbdCamera, RgbdFrameMut, SheetGrid};
+use orime_origami::Gripper;
 
 /// What reading one frame took.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -40,6 +41,13 @@ pub trait FrameSource: Send {
     ) -> Result<FrameReport, FrameError>;
 
     /// Writes where the sheet's nodes truly are at `step`, world frame, metres, index order of
-    /// `sheet`; `false` where the source does not know.
+    /// `sheet`, at the exposure of camera 0; `false` where the source does not know.
     fn truth_m(&self, step: u64, sheet: &SheetGrid, nodes_m: &mut [[f32; 3]]) -> bool;
+
+    /// Writes what a robot knows of the grippers that hold the sheet at `step`: where they are
+    /// and which material points they hold, at camera 0's exposure. Nothing by default.
+    fn grippers(&self, step: u64, out: &mut Vec<Gripper>) {
+        let _ = step;
+        out.clear();
+    }
 }

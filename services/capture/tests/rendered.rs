@@ -1,6 +1,8 @@
 //! The rendered source against geometry computed here, independently of its rasteriser.
 
-use orime_capture::{CaptureParams, FrameSource, RenderedParams, open};
+use orime_capture::{
+    CaptureParams, FaultParams, FaultPreset, FrameSource, RenderedParams, Viewpoints, open,
+};
 use orime_geometry::nalgebra::{Point3, Vector2};
 use orime_geometry::{RgbdCamera, RgbdFrameMut, SheetGrid, Surface};
 
@@ -14,8 +16,7 @@ fn source(rendered: RenderedParams, repeat: bool) -> Box<dyn FrameSource> {
 /// No noise, no texture, no rounding to speak of.
 fn clean() -> RenderedParams {
     RenderedParams {
-        noise_floor_m: 0.0,
-        noise_per_m: 0.0,
+        faults: FaultPreset::None,
         texture: 0.0,
         depth_m_per_unit: 1e-4,
         ..RenderedParams::default()
@@ -173,13 +174,16 @@ fn holes_have_their_rate_and_are_off_by_default() {
         zero as f64 / all as f64
     };
     assert_eq!(zeros(RenderedParams::default()), 0.0);
-    let rate = zeros(RenderedParams { hole_rate: 0.03, ..RenderedParams::default() });
+    let rate = zeros(RenderedParams {
+        fault: FaultParams { hole_rate: Some(0.03), ..FaultParams::default() },
+        ..RenderedParams::default()
+    });
     assert!((rate - 0.03).abs() < 0.003, "{rate}");
 }
 
 #[test]
 fn a_repeated_fold_turns_back_without_a_jump_and_time_goes_on() {
-    let mut source = source(RenderedParams { steps: 20, ..clean() }, true);
+    let mut source = source(RenderedParams { steps: Some(20), ..clean() }, true);
     assert_eq!(source.steps(), None);
     let grid = SheetGrid::new(SIZE_M, [5, 5]);
     let mut before = vec![[0.0; 3]; grid.len()];
@@ -207,7 +211,8 @@ fn scenes_that_cannot_be_seen_or_folded_are_refused() {
     };
     let edge = RenderedParams { fold_point: [0.0, 0.5], ..RenderedParams::default() };
     assert!(refuse(edge).contains("rendered.fold_point"));
-    let mut near = RenderedParams::default();
+    let views = Viewpoints::Three.views();
+    let mut near = RenderedParams { views, ..RenderedParams::default() };
     near.views[0].eye_m = [0.0, 0.0, 0.12];
     assert!(refuse(near).contains("`overhead`"));
 }

@@ -15,6 +15,13 @@ pub enum FoldError {
         /// The sheet's sides, metres.
         size_m: [f64; 2],
     },
+    /// The fold needs a square.
+    NotSquare {
+        /// What was to be folded.
+        fold: &'static str,
+        /// The sheet's sides, metres.
+        size_m: [f64; 2],
+    },
     /// A side or the thickness is not a positive number.
     NotASheet {
         /// The sheet's sides, metres.
@@ -33,6 +40,9 @@ impl fmt::Display for FoldError {
                 line.point_m,
                 line.angle_rad.to_degrees()
             ),
+            Self::NotSquare { fold, size_m } => {
+                write!(f, "{fold} needs a square sheet, not one of {size_m:?} m")
+            }
             Self::NotASheet { size_m, thickness_m } => {
                 write!(f, "a sheet cannot have sides {size_m:?} m and thickness {thickness_m} m")
             }

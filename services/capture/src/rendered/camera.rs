@@ -1,47 +1,51 @@
-//! One virtual RGB-D camera: its lenses, its prepared table, and how it draws the sheet.
+//! One virtual RGB-D camera: where it stands, truly and as published, and what it prepares.
 
+use orime_geometry::RgbdCamera;
 use orime_geometry::nalgebra::{
-    Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3,
+    Isometry3, Matrix3, Point3, Rotation3, Translation3, Unit, UnitQuaternion, Vector2, Vector3,
 };
-use orime_geometry::{CameraModel, RgbdCamera};
-use orime_origami::HalfFold;
 
-use super::measure::{self, NOTHING_UNITS, Noise};
-use super::noise::Grain;
-use super::paint::{self, Look, Painted};
-use super::params::{RenderedParams, ViewParams};
-use super::project::Projected;
+use super::color::ColorView;
+use super::depth::DepthView;
+use super::faults::Faults;
+use super::measure::{self, NOTHING_UNITS};
+use super::noise::uniform;
+use super::paint;
+use super::params::RenderedParams;
 use super::table::Texture;
+use super::views::ViewParams;
 
 /// The camera that stands as `view` says.
 pub(super) fn rgbd(params: &RenderedParams, view: &ViewParams) -> RgbdCamera {
-    let [width, height] = params.size_px;
-    // Focal lengths and centres of a real D415 at 640 × 480, scaled to the image's width.
-    let scale = f64::from(width) / 640.0;
-    let lens = |f_px: f64, center_px: [f64; 2]| CameraModel {
-        width,
-        height,
-        fx_px: f_px * scale,
-        fy_px: f_px * scale,
-        cx_px: (f64::from(width) - 1.0) / 2.0 + center_px[0] * scale,
-        cy_px: (f64::from(height) - 1.0) / 2.0 + center_px[1] * scale,
-        distortion: [0.0; 5],
-    };
-    let color = lens(610.0, [4.2, 1.7]);
-    let (depth, color_from_depth) = if params.depth_registered {
-        (color.clone(), Isometry3::identity())
-    } else {
-        let turn = Vector3::new(-0.0049, 0.0061, 0.0008);
-        (lens(598.0, [-1.3, 3.1]), Isometry3::new(Vector3::new(0.015, 0.0, 0.0), turn))
-    };
+    let (color, depth, color_from_depth) =
+        view.model.lenses(params.size_px, params.depth_registered);
     RgbdCamera {
         name: view.name.clone(),
         color,
         depth,
         color_from_depth,
         world_from_color: looking_at(view.eye_m, view.look_at_m),
-        depth_m_per_unit: params.depth_m_per_unit,
+        depth_m_per_unit: view.model.depth_m_per_unit(params.depth_m_per_unit),
     }
+}
+
+/// The same camera where it truly stands: moved and turned by the calibration's errors, each in
+/// a random direction.
+pub(super) fn displaced(published: &RgbdCamera, faults: &Faults, seed: u64) -> RgbdCamera {
+    let direction = |salt: u64| {
+        let z = 2.0 * uniform(seed, salt) - 1.0;
+        let (sin, cos) = (std::f64::consts::TAU * uniform(seed, salt + 1)).sin_cos();
+        let across = (1.0 - z * z).sqrt();
+        Unit::new_normalize(Vector3::new(across * cos, across * sin, z))
+    };
+    if faults.calibration_error_m == 0.0 && faults.calibration_error_deg == 0.0 {
+        return published.clone();
+    }
+    let turn =
+        UnitQuaternion::from_axis_angle(&direction(0), faults.calibration_error_deg.to_radians());
+    let shift = direction(2).into_inner() * faults.calibration_error_m;
+    let error = Isometry3::from_parts(Translation3::from(shift), turn);
+    RgbdCamera { world_from_color: published.world_from_color * error, ..published.clone() }
 }
 
 /// Optical pose: +Z from `eye_m` to `target_m`, image up as near as can be to world z (or to
@@ -60,115 +64,86 @@ fn looking_at(eye_m: [f64; 3], target_m: [f64; 3]) -> Isometry3<f64> {
 /// What one camera needs to draw frames without allocation.
 #[derive(Debug)]
 pub(super) struct VirtualCamera {
-    camera: RgbdCamera,
-    /// The table without the sheet, as the colour lens sees it.
-    table_rgb: Vec<u8>,
-    /// The table's depth, units; [`NOTHING_UNITS`] where the lens looks past it.
-    table_units: Vec<f32>,
-    /// σ₀² and k² of the depth noise, in units of depth.
-    noise_units: [f32; 2],
-    hole_rate: f64,
-    sheet_rgb: [f32; 3],
-    sheet_texture: f32,
-    /// Coverage of one row by the fixed and the moving facet.
-    coverage: [Vec<f32>; 2],
-    depth_row: Vec<f32>,
+    pub color: ColorView,
+    pub depth: DepthView,
+    /// By how much of a period its shutter is later than camera 0's, -0.5 to 0.5.
+    pub late_periods: f64,
 }
 
 impl VirtualCamera {
-    pub fn new(params: &RenderedParams, camera: &RgbdCamera, wood: &Texture) -> Self {
-        let unit_m = params.depth_m_per_unit;
-        let sigma0 = params.noise_floor_m / unit_m;
-        let k = params.noise_per_m * unit_m;
+    /// The camera with index `index` that stands where `camera` says.
+    pub fn new(
+        params: &RenderedParams,
+        faults: &Faults,
+        (index, camera): (usize, &RgbdCamera),
+        wood: &Texture,
+    ) -> Self {
+        let view = &params.views[index];
+        let ground =
+            Ground { is_seen_from_below: view.eye_m[2] < 0.0, is_glass: params.glass_table };
+        let random = |salt: u64| uniform(params.seed ^ 0xca11_b0b1, 64 * index as u64 + salt);
+        let bias_m = faults.bias_m * (0.88 + 0.34 * random(0));
+        let spread = if index == 0 { 0.0 } else { faults.shutter_spread };
+        let table_rgb = table_rgb(params, camera, wood, &ground);
+        let table_units = table_units(camera, &ground);
         Self {
-            table_rgb: table_rgb(params, camera, wood),
-            table_units: table_units(camera),
-            noise_units: [sigma0.powi(2) as f32, k.powi(2) as f32],
-            hole_rate: params.hole_rate,
-            sheet_rgb: params.sheet_rgb.map(f32::from),
-            sheet_texture: params.texture as f32 * 0.1,
-            coverage: [(); 2].map(|()| vec![0.0; camera.color.width as usize]),
-            depth_row: vec![0.0; camera.depth.width as usize],
-            camera: camera.clone(),
-        }
-    }
-
-    /// Writes one depth image: the nearest of table and sheet, with noise, in units.
-    pub fn draw_depth(
-        &mut self,
-        fold: &HalfFold,
-        poses: &[Isometry3<f64>; 2],
-        grain: &Grain<'_>,
-        units: &mut [u16],
-    ) {
-        let lens = &self.camera.depth;
-        let (width, height) = (lens.width as usize, lens.height as usize);
-        let lens_from_world = self.camera.world_from_depth().inverse();
-        let facets =
-            [0, 1].map(|k| Projected::new(lens, &(lens_from_world * poses[k]), &fold.facets()[k]));
-        let holes = (self.hole_rate > 0.0).then(|| grain.other());
-        for y in 0..height {
-            let row = &mut self.depth_row[..];
-            row.copy_from_slice(&self.table_units[y * width..(y + 1) * width]);
-            for facet in facets.iter().flatten() {
-                if facet.rows(height).contains(&y) {
-                    measure::nearer(facet, y, self.camera.depth_m_per_unit, row);
-                }
-            }
-            let out = &mut units[y * width..(y + 1) * width];
-            let mut start = 0;
-            for noise in grain.row(y, width) {
-                let end = start + noise.len();
-                let noise = Noise { values: noise, sign: grain.sign, variance: self.noise_units };
-                measure::quantise(&row[start..end], &noise, &mut out[start..end]);
-                start = end;
-            }
-            if let Some(holes) = &holes {
-                let low = holes.quantile(self.hole_rate);
-                let values = holes.row(y, width).into_iter().flatten();
-                for (unit, value) in out.iter_mut().zip(values) {
-                    if *value < low {
-                        *unit = 0;
-                    }
-                }
-            }
-        }
-    }
-
-    /// Writes one colour image: the table, and over it the sheet with anti-aliased edges.
-    pub fn draw_color(
-        &mut self,
-        fold: &HalfFold,
-        poses: &[Isometry3<f64>; 2],
-        paper: &Texture,
-        rgb: &mut [u8],
-    ) {
-        let lens = &self.camera.color;
-        let lens_from_world = self.camera.world_from_color.inverse();
-        let look = Look { rgb: self.sheet_rgb, paper, texture: self.sheet_texture };
-        let sheet = Painted::new(lens, &lens_from_world, fold, poses, look);
-        let stride = 3 * lens.width as usize;
-        let rows = rgb.chunks_exact_mut(stride).zip(self.table_rgb.chunks_exact(stride));
-        for (y, (row, table)) in rows.enumerate() {
-            row.copy_from_slice(table);
-            sheet.paint_row(y, lens.height as usize, &mut self.coverage, row);
+            color: ColorView::new(params, faults, camera, table_rgb, ground.hides_sheet()),
+            depth: DepthView::new(
+                view.model,
+                faults,
+                (camera, bias_m),
+                table_units,
+                ground.hides_sheet(),
+            ),
+            late_periods: spread * (2.0 * random(1) - 1.0),
         }
     }
 }
 
+/// The table as a camera sees it.
+#[derive(Debug, Clone, Copy)]
+struct Ground {
+    is_seen_from_below: bool,
+    is_glass: bool,
+}
+
+impl Ground {
+    /// Whether there is table on the ray; else there is the room, without return.
+    fn is_there(&self) -> bool {
+        !(self.is_seen_from_below && self.is_glass)
+    }
+
+    fn hides_sheet(&self) -> bool {
+        self.is_seen_from_below && !self.is_glass
+    }
+}
+
+/// Colour of the room over a glass table, 0 to 255.
+const ROOM_RGB: [f64; 3] = [58.0, 60.0, 64.0];
+
 /// The table's colour image. Bilinear filtering is not needed: the grain is coarser than pixels.
-fn table_rgb(params: &RenderedParams, camera: &RgbdCamera, wood: &Texture) -> Vec<u8> {
+fn table_rgb(
+    params: &RenderedParams,
+    camera: &RgbdCamera,
+    wood: &Texture,
+    ground: &Ground,
+) -> Vec<u8> {
     let lens = &camera.color;
-    let light = paint::shade(&Vector3::z());
+    let up = if ground.is_seen_from_below { -Vector3::z() } else { Vector3::z() };
+    let light = paint::shade(&up);
     let mut rgb = Vec::with_capacity(3 * lens.pixels());
     for y in 0..lens.height {
         for x in 0..lens.width {
             let pixel = Vector2::new(f64::from(x), f64::from(y));
             let ray = lens.ray(pixel);
-            let grain = table_point(&camera.world_from_color, &ray)
-                .map_or(0.0, |point| wood.at(point.x as f32, point.y as f32));
+            let point = table_point(&camera.world_from_color, &ray);
             // Natural vignetting, cos⁴ of the angle off the axis, at half its strength.
             let vignette = 0.5 + 0.5 * ray.norm_squared().powi(-2);
+            if !ground.is_there() {
+                rgb.extend(ROOM_RGB.map(|c| (c * vignette + 0.5) as u8));
+                continue;
+            }
+            let grain = point.map_or(0.0, |point| wood.at(point.x as f32, point.y as f32));
             let brightness = light * vignette * (1.0 + params.texture * f64::from(grain));
             rgb.extend(params.table_rgb.map(|c| (f64::from(c) * brightness + 0.5) as u8));
         }
@@ -177,14 +152,15 @@ fn table_rgb(params: &RenderedParams, camera: &RgbdCamera, wood: &Texture) -> Ve
 }
 
 /// The table's depth image in units.
-fn table_units(camera: &RgbdCamera) -> Vec<f32> {
+fn table_units(camera: &RgbdCamera, ground: &Ground) -> Vec<f32> {
     let lens = &camera.depth;
     let world_from_depth = camera.world_from_depth();
     let mut units = Vec::with_capacity(lens.pixels());
     for y in 0..lens.height {
         for x in 0..lens.width {
             let ray = lens.ray(Vector2::new(f64::from(x), f64::from(y)));
-            let depth = table_point(&world_from_depth, &ray).map(|point| {
+            let point = table_point(&world_from_depth, &ray).filter(|_| ground.is_there());
+            let depth = point.map(|point| {
                 (world_from_depth.inverse_transform_point(&point).z / camera.depth_m_per_unit)
                     as f32
             });
@@ -198,17 +174,22 @@ fn table_units(camera: &RgbdCamera) -> Vec<f32> {
 fn table_point(world_from_lens: &Isometry3<f64>, ray: &Vector3<f64>) -> Option<Point3<f64>> {
     let eye = world_from_lens.translation.vector;
     let direction = world_from_lens * ray;
-    (direction.z < -1e-6).then(|| Point3::from(eye - direction * (eye.z / direction.z)))
+    let towards = if eye.z > 0.0 { direction.z < -1e-6 } else { direction.z > 1e-6 };
+    towards.then(|| Point3::from(eye - direction * (eye.z / direction.z)))
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::faults::{FaultParams, FaultPreset};
+    use super::super::views::Viewpoints;
     use super::*;
+
+    const WOOD: Ground = Ground { is_seen_from_below: false, is_glass: false };
 
     #[test]
     fn the_target_is_in_the_middle_and_up_is_up() {
         let params = RenderedParams::default();
-        for view in &params.views {
+        for view in Viewpoints::Three.views().iter().chain(&Viewpoints::Five.views()) {
             let camera = rgbd(&params, view);
             let see = |point: [f64; 3]| {
                 let point = camera.world_from_color.inverse_transform_point(&Point3::from(point));
@@ -218,7 +199,8 @@ mod tests {
             let middle = Vector2::new(camera.color.cx_px, camera.color.cy_px);
             assert!((target - middle).norm() < 1e-9, "{}", view.name);
             let [x, y, z] = view.look_at_m;
-            let raised = if view.name == "overhead" { [x, y + 0.05, z] } else { [x, y, z + 0.05] };
+            let vertical = ["overhead", "below"].contains(&view.name.as_str());
+            let raised = if vertical { [x, y + 0.05, z] } else { [x, y, z + 0.05] };
             assert!(see(raised).y < target.y - 20.0, "{}", view.name);
         }
     }
@@ -226,7 +208,17 @@ mod tests {
     #[test]
     fn the_overhead_camera_measures_its_own_height() {
         let params = RenderedParams { depth_registered: true, ..RenderedParams::default() };
-        let units = table_units(&rgbd(&params, &params.views[0]));
+        let units = table_units(&rgbd(&params, &Viewpoints::Three.views()[0]), &WOOD);
         assert!(units.iter().all(|z| (z - 520.0).abs() < 1e-3));
+    }
+
+    #[test]
+    fn the_published_place_is_off_by_exactly_the_error() {
+        let camera = rgbd(&RenderedParams::default(), &Viewpoints::Five.views()[1]);
+        let faults = FaultParams::default().over(FaultPreset::Real);
+        let truth = displaced(&camera, &faults, 3);
+        let error = camera.world_from_color.inverse() * truth.world_from_color;
+        assert!((error.translation.vector.norm() - 0.001).abs() < 1e-12);
+        assert!((error.rotation.angle().to_degrees() - 0.2).abs() < 1e-9);
     }
 }

@@ -16,6 +16,12 @@ pub(super) fn uniform(seed: u64, counter: u64) -> f64 {
     ((hash(seed, counter) >> 11) as f64 + 0.5) / (1u64 << 53) as f64
 }
 
+/// Normally distributed with zero mean and unit variance.
+pub(super) fn normal(seed: u64, counter: u64) -> f64 {
+    let (a, b) = (uniform(seed, 2 * counter), uniform(seed, 2 * counter + 1));
+    (-2.0 * a.ln()).sqrt() * (std::f64::consts::TAU * b).cos()
+}
+
 /// A periodic field of unit normal noise with Gaussian correlation, larger than any image.
 ///
 /// A frame takes the tile at an offset and with a sign that its own number picks, so one pixel
@@ -42,12 +48,7 @@ impl NoiseTile {
     /// A tile for images of up to `size_px`; `correlation_px` is where correlation is 1/e.
     pub fn new(seed: u64, size_px: [u32; 2], correlation_px: f64) -> Self {
         let [width, height] = size_px.map(|n| n as usize + 61);
-        let white: Vec<f32> = (0..width * height)
-            .map(|k| {
-                let (a, b) = (uniform(seed, 2 * k as u64), uniform(seed, 2 * k as u64 + 1));
-                ((-2.0 * a.ln()).sqrt() * (std::f64::consts::TAU * b).cos()) as f32
-            })
-            .collect();
+        let white: Vec<f32> = (0..width * height).map(|k| normal(seed, k as u64) as f32).collect();
         // Blurring with a Gaussian of σ correlates by exp(-d²/4σ²): 1/e at d = 2σ.
         let kernel = gaussian(correlation_px / 2.0);
         let rows = blur(&white, width, 1, width, height, &kernel);

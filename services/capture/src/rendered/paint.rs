@@ -1,15 +1,15 @@
 //! The folded sheet in a colour image: Lambert shading, fibres, exact coverage at the edges.
 
 use orime_geometry::CameraModel;
-use orime_geometry::nalgebra::{Isometry3, Point3, Vector3};
-use orime_origami::HalfFold;
+use orime_geometry::nalgebra::{Isometry3, Vector3};
 
 use super::coverage::{self, REACH_PX};
 use super::project::Projected;
+use super::scene::Face;
 use super::table::Texture;
 
 /// Towards the lamp, world frame, unit length.
-const LAMP: Vector3<f64> = Vector3::new(-0.317, -0.423, 0.849);
+pub(super) const LAMP: Vector3<f64> = Vector3::new(-0.317, -0.423, 0.849);
 
 /// Brightness of a surface with this unit normal towards the viewer: the lamp, light from all
 /// around, and what shines through when the lamp is behind. A flat table has 1.
@@ -22,8 +22,6 @@ pub(super) fn shade(normal: &Vector3<f64>) -> f64 {
 /// What the sheet is made of.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Look<'a> {
-    /// Colour, 0 to 255.
-    pub rgb: [f32; 3],
     /// Fibres.
     pub paper: &'a Texture,
     /// Relative strength of the fibres.
@@ -49,12 +47,12 @@ impl<'a> Painted<'a> {
     pub fn new(
         lens: &CameraModel,
         lens_from_world: &Isometry3<f64>,
-        fold: &HalfFold,
-        poses: &[Isometry3<f64>; 2],
+        faces: &[Face; 2],
         look: Look<'a>,
     ) -> Self {
-        let [mut fixed, moving] =
-            [0, 1].map(|k| Projected::new(lens, &(lens_from_world * poses[k]), &fold.facets()[k]));
+        let [mut fixed, moving] = [0, 1].map(|k| {
+            Projected::new(lens, lens_from_world, &faces[k].pose, faces[k].corners_uv_m())
+        });
         let mut opposite = false;
         if let (Some(f), Some(m)) = (&fixed, &moving)
             && f.opposes(m)
@@ -62,12 +60,10 @@ impl<'a> Painted<'a> {
             opposite = true;
             fixed = f.closed_to(m);
         }
-        let eye = Point3::from(lens_from_world.inverse().translation.vector);
-        let rgb = poses.map(|pose| {
-            // The side that faces the lens is the one that is seen.
-            let normal = pose * Vector3::z();
-            let seen = normal * normal.dot(&(eye.coords - pose.translation.vector)).signum();
-            look.rgb.map(|c| c * shade(&seen) as f32)
+        let eye_m = lens_from_world.inverse().translation.vector;
+        let rgb = faces.map(|face| {
+            let light = shade(&face.normal_towards(&eye_m)) as f32;
+            face.rgb.map(|c| c * light)
         });
         Self { facets: [fixed, moving], opposite, rgb, look }
     }
@@ -101,7 +97,7 @@ impl<'a> Painted<'a> {
         cover: &[Vec<f32>; 2],
         row: &mut [u8],
     ) {
-        let fibres = [0, 1].map(|k| Fibres::new(self.facets[k].as_ref(), y, self.look));
+        let fibres = [0, 1].map(|k| Fibres::new(self.facets[k].as_ref(), y));
         for x in columns {
             let moving = cover[1][x];
             let fixed = if self.opposite {
@@ -113,7 +109,7 @@ impl<'a> Painted<'a> {
             let mut mixed = [0.5; 3];
             for (share, k) in [(fixed, 0), (moving, 1)] {
                 if share > 0.0 {
-                    let light = share * fibres[k].brightness(x);
+                    let light = share * fibres[k].brightness(x, &self.look);
                     (0..3).for_each(|c| mixed[c] += light * self.rgb[k][c]);
                 }
             }
@@ -139,30 +135,32 @@ fn cover_row(facet: &Projected, y: usize, cover: &mut [f32]) -> std::ops::Range<
 }
 
 /// The paper's texture along one row of one facet.
-struct Fibres<'a> {
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Fibres {
     /// `(u/z, v/z, 1/z)` at column 0, and its change per column.
     start: [f32; 3],
     step: [f32; 3],
-    look: Look<'a>,
 }
 
-impl<'a> Fibres<'a> {
-    fn new(facet: Option<&Projected>, y: usize, look: Look<'a>) -> Self {
-        let Some(facet) = facet else {
-            return Self { start: [0.0, 0.0, 1.0], step: [0.0; 3], look };
-        };
+impl Fibres {
+    /// Fibres that nobody looks at.
+    pub fn none() -> Self {
+        Self { start: [0.0, 0.0, 1.0], step: [0.0; 3] }
+    }
+
+    pub fn new(facet: Option<&Projected>, y: usize) -> Self {
+        let Some(facet) = facet else { return Self::none() };
         let m = &facet.per_depth;
         Self {
             start: [0, 1, 2].map(|r| (m[(r, 1)] * y as f64 + m[(r, 2)]) as f32),
             step: [0, 1, 2].map(|r| m[(r, 0)] as f32),
-            look,
         }
     }
 
     #[inline]
-    fn brightness(&self, x: usize) -> f32 {
+    pub fn brightness(&self, x: usize, look: &Look<'_>) -> f32 {
         let [u, v, w] = [0, 1, 2].map(|k| self.start[k] + self.step[k] * x as f32);
         let z = 1.0 / w;
-        1.0 + self.look.texture * self.look.paper.at(u * z, v * z)
+        1.0 + look.texture * look.paper.at(u * z, v * z)
     }
 }

@@ -1,9 +1,11 @@
 //! The commands of `orime-evaluate`.
 
+mod compare;
 mod cpd;
 mod output;
 mod set;
 mod track;
+mod variant;
 mod watch;
 
 use clap::{Parser, Subcommand};
@@ -23,6 +25,8 @@ pub struct Arguments {
 const EXAMPLES: &str = "\
 Examples:
   orime-evaluate track deploy/sets/half_fold.toml --json out.json --pictures out/
+  orime-evaluate track deploy/sets/square_base.toml --pictures out/ --pictures-at 100,225,345
+  orime-evaluate compare deploy/sets/square_base.toml --out out/compare
   orime-evaluate cpd --source model.csv --target cloud.csv --out moved.csv --beta 2 --lambda 2
 
 What each figure means stands beside its name in services/evaluate/src/summary.rs, and how it is
@@ -34,6 +38,8 @@ enum Command {
     Track(track::TrackArguments),
     /// Score a running service set from outside (started by `orime up`).
     Watch(watch::WatchArguments),
+    /// Track one set in several settings and compare them; the paper's three series by default.
+    Compare(compare::CompareArguments),
     /// Register two point files by textbook Coherent Point Drift.
     Cpd(cpd::CpdArguments),
 }
@@ -43,6 +49,7 @@ pub fn run(arguments: Arguments) -> anyhow::Result<()> {
     match arguments.command {
         Command::Track(arguments) => track::run(&arguments),
         Command::Watch(arguments) => watch::run(&arguments),
+        Command::Compare(arguments) => compare::run(&arguments),
         Command::Cpd(arguments) => cpd::run(&arguments),
     }
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use orime_geometry::{Edgel, ObservedPoint, RgbdCamera, SheetGrid};
 
-use crate::scores;
+use crate::scores::{self, bending, folded};
 use crate::summary::{StageMs, StepScore, Summary, fnv1a};
 
 /// Most points that E, surface distance and planarity are computed from; more are thinned evenly.
@@ -96,6 +96,7 @@ impl Judge {
         score.planarity_mm_rms = scores::planarity_m(nodes, cloud, &self.sheet).map(mm);
         score.outline_px_median =
             scores::outline_px(nodes, input.edgels, input.cameras, &self.sheet);
+        score.self_intersections = Some(folded::self_intersections(nodes, &self.triangles));
         let Some(truth) = input.truth_m.filter(|truth| truth.len() == nodes.len()) else { return };
         let turn = self.turn.get_or_insert_with(|| best_turn(&self.sheet, nodes, truth));
         let turned: Vec<[f32; 3]> = turn.iter().map(|n| nodes[*n]).collect();
@@ -104,6 +105,46 @@ impl Judge {
         score.vertex_error_mm_p95 = scores::percentile(&errors, 0.95).map(mm);
         score.vertex_error_mm_max = errors.last().copied().map(mm);
         score.e_at_truth_mm = scores::e_m(cloud, truth).map(mm);
+        score.wrinkle_deg = bending::wrinkle_deg(&turned, truth, &self.sheet);
+        if let Some(errors) = bending::crease_errors(&turned, truth, &self.sheet) {
+            score.crease_angle_error_deg = Some(errors.angle_deg);
+            score.crease_position_error_mm = Some(mm(errors.position_m));
+        }
+        self.score_layers(&turned, truth, input.cameras, cloud, score);
+    }
+
+    /// Splits the errors by what the truth hides and stacks.
+    fn score_layers(
+        &self,
+        nodes_m: &[[f32; 3]],
+        truth_m: &[[f32; 3]],
+        cameras: &[RgbdCamera],
+        cloud: &[[f32; 3]],
+        score: &mut StepScore,
+    ) {
+        let seen = folded::visible(truth_m, &self.triangles, cameras);
+        let layers = folded::layers_above(truth_m, &self.triangles);
+        let errors_mm: Vec<f64> = nodes_m
+            .iter()
+            .zip(truth_m)
+            .map(|(a, b)| {
+                let squared: f64 = (0..3).map(|k| f64::from(a[k] - b[k]).powi(2)).sum();
+                squared.sqrt() * 1e3
+            })
+            .collect();
+        let mean_of = |counts: &dyn Fn(usize) -> bool| {
+            scores::mean((0..errors_mm.len()).filter(|k| counts(*k)).map(|k| errors_mm[k]))
+        };
+        if !cameras.is_empty() {
+            score.vertex_error_visible_mm = mean_of(&|k| seen[k]);
+            score.vertex_error_hidden_mm = mean_of(&|k| !seen[k]);
+            let to_cloud = scores::nodes_to_cloud_m(nodes_m, cloud, |k| seen[k]);
+            score.chamfer_mm =
+                score.surface_mm.zip(to_cloud).map(|(there, back)| (there + back * 1e3) / 2.0);
+        }
+        for (layer, error) in score.vertex_error_by_layer_mm.iter_mut().enumerate() {
+            *error = mean_of(&|k| layers[k].min(3) == layer as u32);
+        }
     }
 
     /// Sets the times of steps that were scored before their times were known.

@@ -2,7 +2,9 @@
 
 mod canvas;
 mod panel;
+mod plot;
 mod view;
 
 pub use canvas::Canvas;
 pub use panel::{PanelInput, panel};
+pub use plot::{Plot, Series};

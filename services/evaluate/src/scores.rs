@@ -34,6 +34,20 @@ pub fn surface_m(
     mean(cloud_m.iter().map(|point| f64::from(surface.distance_m(*point))))
 }
 
+/// Mean distance from the nodes that `counts` to their nearest observed point, metres: the other
+/// side of a Chamfer distance. `None` for an empty cloud or no node.
+pub fn nodes_to_cloud_m(
+    nodes_m: &[[f32; 3]],
+    cloud_m: &[[f32; 3]],
+    counts: impl Fn(usize) -> bool,
+) -> Option<f64> {
+    if cloud_m.is_empty() {
+        return None;
+    }
+    let counted = nodes_m.iter().enumerate().filter(|(k, _)| counts(*k)).map(|(_, node)| *node);
+    e_m(&counted.collect::<Vec<_>>(), cloud_m)
+}
+
 /// Mean and largest relative change of the distances between neighbouring nodes.
 pub fn strain(nodes_m: &[[f32; 3]], edges: &[([u32; 2], f64)]) -> (f64, f64) {
     let strains = edges.iter().map(|([a, b], rest_m)| {
@@ -176,6 +190,10 @@ mod tests {
         near(e_m(&cloud, &nodes).unwrap(), (0.03 + 0.015f64.sqrt()) / 2.0);
         near(surface_m(&cloud, &nodes, &sheet.triangles()).unwrap(), (0.03 + 0.1) / 2.0);
         assert_eq!(e_m(&[], &nodes), None);
+        // The node below the first point is 30 mm from it; all others do not count.
+        let below = |k: usize| nodes[k] == [0.1, 0.05, 0.0];
+        near(nodes_to_cloud_m(&nodes, &cloud, below).unwrap(), 0.03);
+        assert_eq!(nodes_to_cloud_m(&nodes, &[], |_| true), None);
         near(e_floor_m(&SheetGrid::new([0.15, 0.15], [25, 25])), 0.00239125);
     }
 

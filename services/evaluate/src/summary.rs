@@ -57,6 +57,23 @@ pub struct StepScore {
     pub vertex_error_mm_max: Option<f64>,
     /// E of the true pose against the same cloud.
     pub e_at_truth_mm: Option<f64>,
+    /// Mean of both ways between sheet and cloud: [`StepScore::surface_mm`], and from each node
+    /// that can be seen to its nearest observed point.
+    pub chamfer_mm: Option<f64>,
+    /// [`StepScore::vertex_error_mm_mean`] of the nodes that some camera can see.
+    pub vertex_error_visible_mm: Option<f64>,
+    /// … and of those that the sheet itself hides from every camera.
+    pub vertex_error_hidden_mm: Option<f64>,
+    /// … and by the number of layers that lie on top of the node: 0, 1, 2, and 3 or more.
+    pub vertex_error_by_layer_mm: [Option<f64>; 4],
+    /// Pairs of a mesh edge and a triangle of the tracked sheet that cross.
+    pub self_intersections: Option<usize>,
+    /// Mean turn of the grid lines where the true sheet is flat, degrees.
+    pub wrinkle_deg: Option<f64>,
+    /// Mean error of the fold angle at the true creases, degrees.
+    pub crease_angle_error_deg: Option<f64>,
+    /// Mean error of the creases' place in the sheet, millimetres.
+    pub crease_position_error_mm: Option<f64>,
     /// Milliseconds per stage.
     pub ms: StageMs,
     /// FNV-1a of the node positions' bits: equal states, equal hashes.
@@ -103,6 +120,24 @@ pub struct Summary {
     pub vertex_error_mm_max: Option<f64>,
     /// Mean of [`StepScore::e_at_truth_mm`].
     pub e_at_truth_mm_mean: Option<f64>,
+    /// Mean of [`StepScore::chamfer_mm`].
+    pub chamfer_mm_mean: Option<f64>,
+    /// Mean of [`StepScore::vertex_error_visible_mm`].
+    pub vertex_error_visible_mm_mean: Option<f64>,
+    /// Mean of [`StepScore::vertex_error_hidden_mm`].
+    pub vertex_error_hidden_mm_mean: Option<f64>,
+    /// Mean of [`StepScore::vertex_error_by_layer_mm`].
+    pub vertex_error_by_layer_mm_mean: [Option<f64>; 4],
+    /// Steps in which the sheet passes through itself.
+    pub self_intersecting_steps: u64,
+    /// Mean of [`StepScore::wrinkle_deg`].
+    pub wrinkle_deg_mean: Option<f64>,
+    /// Mean of [`StepScore::crease_angle_error_deg`].
+    pub crease_angle_error_deg_mean: Option<f64>,
+    /// Mean of [`StepScore::crease_position_error_mm`].
+    pub crease_position_error_mm_mean: Option<f64>,
+    /// Runs of lost steps, and whether and after how many steps the sheet was found again.
+    pub losses: Vec<Loss>,
     /// Median time of a step (segment + register + simulate).
     pub ms_per_step_p50: Option<f64>,
     /// 99th percentile.
@@ -111,6 +146,17 @@ pub struct Summary {
     pub ms_p50: StageMs,
     /// FNV-1a over the steps' hashes: equal runs, equal hashes.
     pub states_hash: String,
+}
+
+/// A run of lost steps.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Loss {
+    /// First lost step.
+    pub step: u64,
+    /// Steps until the sheet was followed again, or until the end.
+    pub steps: u64,
+    /// Whether it was followed again.
+    pub recovered: bool,
 }
 
 /// Mean, smallest and largest of a figure over the steps.
@@ -139,8 +185,8 @@ impl Summary {
             values.sort_by(f64::total_cmp);
             percentile(&values, share)
         };
-        let gone = |s: &&StepScore| s.tracking == "searching" || s.tracking == "lost";
-        let off = |s: &&StepScore| s.vertex_error_mm_mean.is_some_and(|e| e > LOST_MM);
+        let gone = |s: &&StepScore| s.says_lost();
+        let off = |s: &&StepScore| s.is_off();
         let median = |figure| times(figure, 0.5).unwrap_or_default();
         Self {
             steps: steps.len() as u64,
@@ -161,6 +207,23 @@ impl Summary {
             vertex_error_mm_p95: average(|s| s.vertex_error_mm_p95),
             vertex_error_mm_max: largest(|s| s.vertex_error_mm_max),
             e_at_truth_mm_mean: average(|s| s.e_at_truth_mm),
+            chamfer_mm_mean: average(|s| s.chamfer_mm),
+            vertex_error_visible_mm_mean: average(|s| s.vertex_error_visible_mm),
+            vertex_error_hidden_mm_mean: average(|s| s.vertex_error_hidden_mm),
+            vertex_error_by_layer_mm_mean: [
+                average(|s| s.vertex_error_by_layer_mm[0]),
+                average(|s| s.vertex_error_by_layer_mm[1]),
+                average(|s| s.vertex_error_by_layer_mm[2]),
+                average(|s| s.vertex_error_by_layer_mm[3]),
+            ],
+            self_intersecting_steps: steps
+                .iter()
+                .filter(|s| s.self_intersections.is_some_and(|n| n > 0))
+                .count() as u64,
+            wrinkle_deg_mean: average(|s| s.wrinkle_deg),
+            crease_angle_error_deg_mean: average(|s| s.crease_angle_error_deg),
+            crease_position_error_mm_mean: average(|s| s.crease_position_error_mm),
+            losses: losses(steps),
             ms_per_step_p50: times(|s| s.ms.step(), 0.5),
             ms_per_step_p99: times(|s| s.ms.step(), 0.99),
             ms_p50: StageMs {
@@ -172,6 +235,37 @@ impl Summary {
             states_hash: format!("{:016x}", fnv1a(steps.iter().flat_map(|s| s.state_hash.bytes()))),
         }
     }
+}
+
+impl StepScore {
+    /// Whether the tracker says that it does not follow the sheet.
+    fn says_lost(&self) -> bool {
+        self.tracking == "searching" || self.tracking == "lost"
+    }
+
+    /// Whether the truth says so.
+    fn is_off(&self) -> bool {
+        self.vertex_error_mm_mean.is_some_and(|error| error > LOST_MM)
+    }
+}
+
+/// Runs of lost steps.
+fn losses(steps: &[StepScore]) -> Vec<Loss> {
+    let mut losses: Vec<Loss> = Vec::new();
+    let mut open = false;
+    for step in steps {
+        let lost = step.says_lost() || step.is_off();
+        match losses.last_mut() {
+            Some(loss) if open => {
+                loss.recovered = !lost;
+                loss.steps += u64::from(lost);
+            }
+            _ if lost => losses.push(Loss { step: step.step, steps: 1, recovered: false }),
+            _ => {}
+        }
+        open = lost;
+    }
+    losses
 }
 
 fn range(steps: &[StepScore], figure: fn(&StepScore) -> Option<f64>) -> Option<Range> {
@@ -218,6 +312,10 @@ mod tests {
         assert_eq!(summary.vertex_error_mm_mean, Some(8.0));
         assert_eq!((summary.ms_per_step_p50, summary.ms_per_step_p99), (Some(3.0), Some(5.0)));
         assert_eq!(summary.e_mm_mean, None);
+        // Step numbers are all 0 here: lost at once, found in the second, lost in the third.
+        let found: Vec<(u64, bool)> =
+            summary.losses.iter().map(|loss| (loss.steps, loss.recovered)).collect();
+        assert_eq!(found, [(1, true), (2, true)]);
     }
 
     #[test]

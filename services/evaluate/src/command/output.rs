@@ -30,7 +30,9 @@ pub fn write_csv(path: &Path, steps: &[StepScore]) -> anyhow::Result<()> {
     let mut text = String::from(
         "step,tracking,reset,points,e_mm,surface_mm,strain_percent,strain_percent_max,\
          planarity_mm_rms,outline_px_median,vertex_error_mm_mean,vertex_error_mm_p95,\
-         vertex_error_mm_max,e_at_truth_mm,segment_ms,register_ms,simulate_ms,state_hash\n",
+         vertex_error_mm_max,e_at_truth_mm,chamfer_mm,vertex_error_visible_mm,\
+         vertex_error_hidden_mm,wrinkle_deg,crease_angle_error_deg,crease_position_error_mm,\
+         self_intersections,segment_ms,register_ms,simulate_ms,state_hash\n",
     );
     for s in steps {
         write!(text, "{},{},{},{}", s.step, s.tracking, s.reset, s.points)?;
@@ -45,6 +47,13 @@ pub fn write_csv(path: &Path, steps: &[StepScore]) -> anyhow::Result<()> {
             s.vertex_error_mm_p95,
             s.vertex_error_mm_max,
             s.e_at_truth_mm,
+            s.chamfer_mm,
+            s.vertex_error_visible_mm,
+            s.vertex_error_hidden_mm,
+            s.wrinkle_deg,
+            s.crease_angle_error_deg,
+            s.crease_position_error_mm,
+            s.self_intersections.map(|n| n as f64),
         ] {
             match figure {
                 Some(value) => write!(text, ",{value:.4}")?,
@@ -65,6 +74,8 @@ pub fn write_csv(path: &Path, steps: &[StepScore]) -> anyhow::Result<()> {
 pub struct Pictures {
     directory: PathBuf,
     every: u64,
+    /// These steps and no others, where there are any.
+    at: Vec<u64>,
     /// Index of the camera whose image is shown.
     pub camera: usize,
     written: u64,
@@ -76,12 +87,17 @@ impl Pictures {
         std::fs::create_dir_all(directory)
             .with_context(|| format!("making the folder `{}`", directory.display()))?;
         let every = if every > 0 { every } else { steps.div_ceil(16).max(1) };
-        Ok(Self { directory: directory.to_owned(), every, camera, written: 0 })
+        Ok(Self { directory: directory.to_owned(), every, at: Vec::new(), camera, written: 0 })
+    }
+
+    /// Pictures at these steps and no others; no change where there are none.
+    pub fn at(self, steps: &[u64]) -> Self {
+        Self { at: steps.to_vec(), ..self }
     }
 
     /// Whether `step` gets a picture.
     pub fn wants(&self, step: u64) -> bool {
-        step.is_multiple_of(self.every)
+        if self.at.is_empty() { step.is_multiple_of(self.every) } else { self.at.contains(&step) }
     }
 
     /// Draws and writes one.
@@ -118,7 +134,11 @@ pub fn table(set: &str, summary: &Summary) -> String {
             summary.e_floor_mm,
             number(summary.e_at_truth_mm_mean)
         ),
-        format!("cloud to surface           {} mm", number(summary.surface_mm_mean)),
+        format!(
+            "cloud to surface           {} mm (both ways, visible nodes: {} mm)",
+            number(summary.surface_mm_mean),
+            number(summary.chamfer_mm_mean)
+        ),
         format!(
             "true vertex error          mean {} mm, p95 {} mm, max {} mm",
             number(summary.vertex_error_mm_mean),
@@ -131,6 +151,21 @@ pub fn table(set: &str, summary: &Summary) -> String {
             number(summary.strain_percent_max)
         ),
     ];
+    if summary.vertex_error_mm_mean.is_some() {
+        lines.push(format!(
+            "… visible / hidden nodes    {} / {} mm; by layers on top 0, 1, 2, 3+: {} mm",
+            number(summary.vertex_error_visible_mm_mean),
+            number(summary.vertex_error_hidden_mm_mean),
+            summary.vertex_error_by_layer_mm_mean.map(number).join(", "),
+        ));
+        lines.push(format!(
+            "creases                    angle off by {}°, place by {} mm; wrinkles {}°",
+            number(summary.crease_angle_error_deg_mean),
+            number(summary.crease_position_error_mm_mean),
+            number(summary.wrinkle_deg_mean)
+        ));
+    }
+    lines.push(format!("passes through itself      in {} steps", summary.self_intersecting_steps));
     let ranges = [
         ("width (chord along u)      ", summary.width_m, 1e3, "mm"),
         ("length (chord along v)     ", summary.length_m, 1e3, "mm"),

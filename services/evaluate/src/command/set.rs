@@ -13,11 +13,15 @@ use std::path::Path;
 
 /// The source and the configurations of a set file.
 pub fn load(path: &Path) -> anyhow::Result<(Box<dyn FrameSource>, PipelineConfig)> {
-    let set = SetFile::load(path)?;
-    let config = pipeline(&set)?;
+    open(&SetFile::load(path)?)
+}
+
+/// The source and the configurations of a set.
+pub fn open(set: &SetFile) -> anyhow::Result<(Box<dyn FrameSource>, PipelineConfig)> {
+    let config = pipeline(set)?;
     let capture = set.checked("capture", CaptureParams::check)?;
     let source = orime_capture::open(&capture, &config.sheet)
-        .with_context(|| format!("opening the source of `{}`", path.display()))?;
+        .with_context(|| format!("opening the source of `{}`", set.path.display()))?;
     Ok((source, config))
 }
 

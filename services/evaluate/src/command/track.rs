@@ -26,6 +26,9 @@ pub struct TrackArguments {
     /// A picture every N steps; 0 makes about sixteen.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pictures_every: u64,
+    /// Pictures at these steps instead, for example the paper's 100,200,225,268,345,460,580.
+    #[arg(long, value_name = "N,N,…", value_delimiter = ',', conflicts_with = "pictures_every")]
+    pictures_at: Vec<u64>,
     /// Camera whose image is shown in the pictures, from 0.
     #[arg(long, value_name = "K", default_value_t = 0)]
     camera: usize,
@@ -53,7 +56,9 @@ pub fn run(arguments: &TrackArguments) -> anyhow::Result<()> {
                 arguments.camera,
                 cameras - 1
             );
-            Some(Pictures::new(directory, arguments.pictures_every, steps, arguments.camera)?)
+            let pictures =
+                Pictures::new(directory, arguments.pictures_every, steps, arguments.camera)?;
+            Some(pictures.at(&arguments.pictures_at))
         }
         None => None,
     };
@@ -75,15 +80,9 @@ pub fn run(arguments: &TrackArguments) -> anyhow::Result<()> {
     report(arguments, &judge, &pictures)
 }
 
-fn score(
-    pipeline: &Pipeline,
-    step: u64,
-    result: &StepResult,
-    judge: &mut Judge,
-    pictures: &mut Option<Pictures>,
-) -> anyhow::Result<()> {
-    let sheet = judge.sheet().clone();
-    let score = judge.score(&StepInput {
+/// A step of the pipeline as the judge sees it.
+pub fn step_input<'a>(pipeline: &'a Pipeline, step: u64, result: &StepResult) -> StepInput<'a> {
+    StepInput {
         step,
         tracking: tracking_name(result.register.tracking),
         reset: result.register.reset,
@@ -93,7 +92,18 @@ fn score(
         cameras: pipeline.cameras(),
         truth_m: pipeline.truth_m(),
         ms: result.ms,
-    });
+    }
+}
+
+fn score(
+    pipeline: &Pipeline,
+    step: u64,
+    result: &StepResult,
+    judge: &mut Judge,
+    pictures: &mut Option<Pictures>,
+) -> anyhow::Result<()> {
+    let sheet = judge.sheet().clone();
+    let score = judge.score(&step_input(pipeline, step, result));
     if let Some(pictures) = pictures.as_mut().filter(|pictures| pictures.wants(step)) {
         pictures.write(&PanelInput {
             score,

@@ -3,7 +3,7 @@
 use anyhow::Context;
 use orime_evaluate::judge::Judge;
 use orime_evaluate::picture::{PanelInput, panel};
-use orime_evaluate::summary::{StepScore, Summary};
+use orime_evaluate::summary::{Range, StepScore, Summary};
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -116,7 +116,6 @@ impl Pictures {
 
 /// The summary for people, one figure a line.
 pub fn table(set: &str, summary: &Summary) -> String {
-    let number = |value: Option<f64>| value.map_or("-".to_owned(), |v| format!("{v:.2}"));
     let mut lines = vec![
         format!("set                        {set}"),
         format!(
@@ -151,33 +150,9 @@ pub fn table(set: &str, summary: &Summary) -> String {
             number(summary.strain_percent_max)
         ),
     ];
-    if summary.vertex_error_mm_mean.is_some() {
-        lines.push(format!(
-            "… visible / hidden nodes    {} / {} mm; by layers on top 0, 1, 2, 3+: {} mm",
-            number(summary.vertex_error_visible_mm_mean),
-            number(summary.vertex_error_hidden_mm_mean),
-            summary.vertex_error_by_layer_mm_mean.map(number).join(", "),
-        ));
-        lines.push(format!(
-            "creases                    angle off by {}°, place by {} mm; wrinkles {}°",
-            number(summary.crease_angle_error_deg_mean),
-            number(summary.crease_position_error_mm_mean),
-            number(summary.wrinkle_deg_mean)
-        ));
-    }
+    lines.extend(truth_lines(summary));
     lines.push(format!("passes through itself      in {} steps", summary.self_intersecting_steps));
-    let ranges = [
-        ("width (chord along u)      ", summary.width_m, 1e3, "mm"),
-        ("length (chord along v)     ", summary.length_m, 1e3, "mm"),
-        ("planarity of visible nodes ", summary.planarity_mm_rms, 1.0, "mm rms"),
-        ("contour to tracked border  ", summary.outline_px_median, 1.0, "px median"),
-    ];
-    for (name, range, scale, unit) in ranges {
-        if let Some(range) = range {
-            let [mean, min, max] = [range.mean, range.min, range.max].map(|v| v * scale);
-            lines.push(format!("{name}{mean:.2} {unit} ({min:.2} to {max:.2})"));
-        }
-    }
+    lines.extend(range_lines(summary));
     lines.push(format!(
         "time per step              p50 {} ms, p99 {} ms (segment {:.2}, register {:.2}, \
          simulate {:.2})",
@@ -189,4 +164,45 @@ pub fn table(set: &str, summary: &Summary) -> String {
     ));
     lines.push(format!("states                     {}", summary.states_hash));
     lines.join("\n")
+}
+
+/// Two digits, or a dash.
+fn number(value: Option<f64>) -> String {
+    value.map_or("-".to_owned(), |v| format!("{v:.2}"))
+}
+
+/// What only the truth can tell.
+fn truth_lines(summary: &Summary) -> Vec<String> {
+    if summary.vertex_error_mm_mean.is_none() {
+        return Vec::new();
+    }
+    vec![
+        format!(
+            "… visible / hidden nodes    {} / {} mm; by layers on top 0, 1, 2, 3+: {} mm",
+            number(summary.vertex_error_visible_mm_mean),
+            number(summary.vertex_error_hidden_mm_mean),
+            summary.vertex_error_by_layer_mm_mean.map(number).join(", "),
+        ),
+        format!(
+            "creases                    angle off by {}°, place by {} mm; wrinkles {}°",
+            number(summary.crease_angle_error_deg_mean),
+            number(summary.crease_position_error_mm_mean),
+            number(summary.wrinkle_deg_mean)
+        ),
+    ]
+}
+
+/// Figures with their range over the steps.
+fn range_lines(summary: &Summary) -> Vec<String> {
+    let ranges = [
+        ("width (chord along u)      ", summary.width_m, 1e3, "mm"),
+        ("length (chord along v)     ", summary.length_m, 1e3, "mm"),
+        ("planarity of visible nodes ", summary.planarity_mm_rms, 1.0, "mm rms"),
+        ("contour to tracked border  ", summary.outline_px_median, 1.0, "px median"),
+    ];
+    let line = |(name, range, scale, unit): (&str, Option<Range>, f64, &str)| {
+        let [mean, min, max] = range.map(|r| [r.mean, r.min, r.max].map(|v| v * scale))?;
+        Some(format!("{name}{mean:.2} {unit} ({min:.2} to {max:.2})"))
+    };
+    ranges.into_iter().filter_map(line).collect()
 }

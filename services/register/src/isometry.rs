@@ -72,18 +72,18 @@ impl Isometry {
     }
 }
 
+#[inline(always)]
 fn relax(([a, b], rest): &([u32; 2], f32), x: &mut [[f32; 3]]) {
     let (a, b) = (*a as usize, *b as usize);
-    let d = sub(x[b], x[a]);
+    let (xa, xb) = (x[a], x[b]);
+    let d = sub(xb, xa);
     let length = norm(d);
     if length < 1e-9 {
         return;
     }
     let scale = 0.5 * (length - rest) / length;
-    for axis in 0..3 {
-        x[a][axis] += scale * d[axis];
-        x[b][axis] -= scale * d[axis];
-    }
+    x[a] = add_scaled(xa, scale, d);
+    x[b] = add_scaled(xb, -scale, d);
 }
 
 /// Three nodes in a row, along u and v, at every span.
@@ -106,30 +106,43 @@ fn rows(sheet: &SheetGrid) -> Vec<[u32; 3]> {
     rows
 }
 
+#[inline(always)]
 fn straighten([a, middle, b]: &[u32; 3], flatness: f32, x: &mut [[f32; 3]]) {
     let (a, middle, b) = (*a as usize, *middle as usize, *b as usize);
-    let offset = [0, 1, 2].map(|k| 0.5 * (x[a][k] + x[b][k]) - x[middle][k]);
-    let to_end = norm2(sub(x[a], x[middle])).max(norm2(sub(x[b], x[middle])));
+    let (xa, xm, xb) = (x[a], x[middle], x[b]);
+    let offset = [
+        0.5 * (xa[0] + xb[0]) - xm[0],
+        0.5 * (xa[1] + xb[1]) - xm[1],
+        0.5 * (xa[2] + xb[2]) - xm[2],
+    ];
+    let to_end = norm2(sub(xa, xm)).max(norm2(sub(xb, xm)));
     if to_end <= 0.0 {
         return;
     }
     let sin2 = norm2(offset) / to_end;
     let pull = flatness / (1.0 + sin2 / CREASE_SIN2);
-    for k in 0..3 {
-        x[middle][k] += 0.5 * pull * offset[k];
-        x[a][k] -= 0.25 * pull * offset[k];
-        x[b][k] -= 0.25 * pull * offset[k];
-    }
+    let (half, quarter) = (0.5 * pull, 0.25 * pull);
+    x[middle] = add_scaled(xm, half, offset);
+    x[a] = add_scaled(xa, -quarter, offset);
+    x[b] = add_scaled(xb, -quarter, offset);
 }
 
+#[inline(always)]
+fn add_scaled(x: [f32; 3], scale: f32, d: [f32; 3]) -> [f32; 3] {
+    [x[0] + scale * d[0], x[1] + scale * d[1], x[2] + scale * d[2]]
+}
+
+#[inline(always)]
 fn norm2(d: [f32; 3]) -> f32 {
     d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
 }
 
+#[inline(always)]
 fn sub(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
+#[inline(always)]
 fn norm(d: [f32; 3]) -> f32 {
     norm2(d).sqrt()
 }

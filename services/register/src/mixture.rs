@@ -258,8 +258,11 @@ impl Lookup {
                 let places = self.starts[row + zs.start]..self.starts[row + zs.end];
                 for m in &self.order[places.start as usize..places.end as usize] {
                     let p = positions_m[*m as usize];
-                    let outside = [0, 1, 2]
-                        .map(|axis| (low[axis] - p[axis]).max(p[axis] - high[axis]).max(0.0));
+                    let outside = [
+                        (low[0] - p[0]).max(p[0] - high[0]).max(0.0),
+                        (low[1] - p[1]).max(p[1] - high[1]).max(0.0),
+                        (low[2] - p[2]).max(p[2] - high[2]).max(0.0),
+                    ];
                     if norm2(outside) < reach_m * reach_m {
                         members.push(*m);
                     }

@@ -35,7 +35,7 @@ pub struct RegisterParams {
     /// Mixture components per grid cell and direction; finer ones reach a smaller σ and cost
     /// their square. Default 2.
     pub virtual_per_cell: usize,
-    /// Eigenvectors of the kernel that may move, at most. Default 60.
+    /// Eigenvectors of the kernel that may move, at most. Default 40.
     pub modes_max: usize,
     /// Sweeps of the isometry projection in every iteration; 0 lets the model stretch.
     /// Default 10.
@@ -72,7 +72,7 @@ impl Default for RegisterParams {
             sigma_floor: 0.0067,
             outlier_weight: 0.05,
             virtual_per_cell: 2,
-            modes_max: 60,
+            modes_max: 40,
             isometry_sweeps: 10,
             flatness: 0.5,
             momentum: 0.8,

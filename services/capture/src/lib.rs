@@ -14,7 +14,7 @@ pub use orime_origami::Gripper;
 pub use params::{CaptureConfig, CaptureParams, SourceConfig, SourceKind};
 pub use recording::{RecordingConfig, RecordingParams};
 pub use rendered::{
-    FaultParams, FaultPreset, Model, Occluder, RenderedConfig, RenderedParams, SequenceKind,
-    ViewParams, Viewpoints,
+    FaultParams, FaultPreset, Model, Occluder, Printed, RenderedConfig, RenderedParams,
+    SequenceKind, ViewParams, Viewpoints,
 };
 pub use source::{FrameError, FrameReport, FrameSource};

@@ -15,6 +15,7 @@ mod color;
 mod coverage;
 mod depth;
 mod faults;
+mod ink;
 mod measure;
 mod noise;
 mod occluder;
@@ -32,6 +33,7 @@ use orime_geometry::{RgbdCamera, RgbdFrameMut, SheetGrid};
 use orime_origami::{FoldError, FoldLine, Gripper, Sequence, Sheet, Timing};
 
 pub use faults::{FaultParams, FaultPreset};
+pub use ink::Printed;
 pub use occluder::Occluder;
 pub use params::{RenderedConfig, RenderedParams, SequenceKind};
 pub use views::{Model, ViewParams, Viewpoints};
@@ -40,6 +42,7 @@ use crate::playback::{After, Playback};
 use crate::{FrameError, FrameReport, FrameSource, OpenError};
 use camera::VirtualCamera;
 use faults::Faults;
+use ink::Ink;
 use noise::{NoiseTile, hash, uniform};
 use scene::Scene;
 use table::Texture;
@@ -54,6 +57,7 @@ pub(crate) struct RenderedSource {
     tells_grippers: bool,
     noise: NoiseTile,
     paper: Texture,
+    ink: Option<Ink>,
     /// As published.
     cameras: Vec<RgbdCamera>,
     /// As they truly are.
@@ -83,6 +87,10 @@ impl RenderedSource {
             )));
         }
         let cameras: Vec<RgbdCamera> = p.views.iter().map(|view| camera::rgbd(p, view)).collect();
+        let ink = match p.printed {
+            Printed::None => None,
+            Printed::Markers => Some(Ink::markers(sheet)?),
+        };
         let wood = Texture::wood(p.seed);
         let mut views = Vec::with_capacity(cameras.len());
         for (index, published) in cameras.iter().enumerate() {
@@ -101,6 +109,7 @@ impl RenderedSource {
             tells_grippers: p.gripper_poses,
             noise: NoiseTile::new(p.seed, p.size_px, faults.noise_correlation_px),
             paper: Texture::paper(p.seed),
+            ink,
             scene: Scene::new(sequence, faults.occluder, p.sheet_rgb, faults.exposure_s > 0.0),
             faults,
             cameras,
@@ -159,7 +168,8 @@ impl FrameSource for RenderedSource {
         self.scene.set(progress, self.faults.exposure_s * per_second);
         let random = self.random(step, camera);
         let view = &mut self.views[camera];
-        view.color.draw(&self.scene, &self.paper, hash(random, 1), frame.color_rgb);
+        let surface = (&self.paper, self.ink.as_ref());
+        view.color.draw(&self.scene, surface, hash(random, 1), frame.color_rgb);
         let grain = self.noise.at(random);
         view.depth.draw(&self.scene, &grain, hash(random, 2), frame.depth_units);
         Ok(FrameReport { copies: 0 })

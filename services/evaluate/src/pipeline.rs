@@ -1,7 +1,9 @@
 //! The four stages in one process, in lockstep: what the service set computes, without processes.
 
 use orime_capture::FrameSource;
-use orime_geometry::{Edgel, ObservedPoint, RgbdCamera, RgbdFrame, RgbdFrameMut, SheetGrid};
+use orime_geometry::{
+    Edgel, Feature, ObservedPoint, RgbdCamera, RgbdFrame, RgbdFrameMut, SheetGrid,
+};
 use orime_register::{Observation, RegisterConfig, RegisterReport, Registrar, Tracking};
 use orime_segment::{ObservedMut, SegmentConfig, SegmentReport, Segmenter};
 use orime_simulate::{SimulateConfig, Simulator};
@@ -28,6 +30,9 @@ pub struct PipelineConfig {
     pub capacity: [usize; 2],
 }
 
+/// Most features of a frame set, as in the service set's messages.
+const FEATURES_MAX: usize = 1024;
+
 struct FrameBuffer {
     color_rgb: Vec<u8>,
     depth_units: Vec<u16>,
@@ -45,6 +50,7 @@ pub struct Pipeline {
     sheet: SheetGrid,
     points: Vec<ObservedPoint>,
     edgels: Vec<Edgel>,
+    features: Vec<Feature>,
     report: SegmentReport,
     targets_m: Vec<[f32; 3]>,
     confidence: Vec<f32>,
@@ -88,6 +94,7 @@ impl Pipeline {
         let [points, edgels] = config.capacity;
         let none = ObservedPoint { position_m: [0.0; 3], normal: [0.0; 3], camera: 0, pixels: 0.0 };
         let no_edgel = Edgel { position_px: [0.0; 2], normal: [0.0; 2], camera: 0, kind: 0 };
+        let no_feature = Feature { position_m: [0.0; 3], node: 0, camera: 0, pixels: 0.0 };
         let template = config.template_m.as_deref();
         Self {
             frames: cameras.iter().map(frame).collect(),
@@ -96,6 +103,7 @@ impl Pipeline {
             simulator: Simulator::new(&config.simulate, &sheet, config.density_kg_per_m2, template),
             points: vec![none; points],
             edgels: vec![no_edgel; edgels],
+            features: vec![no_feature; FEATURES_MAX],
             report: SegmentReport::default(),
             targets_m: vec![[0.0; 3]; sheet.len()],
             confidence: vec![0.0; sheet.len()],
@@ -150,7 +158,11 @@ impl Pipeline {
                 })
             })
             .collect();
-        let out = ObservedMut { points: &mut self.points, edgels: &mut self.edgels };
+        let out = ObservedMut {
+            points: &mut self.points,
+            edgels: &mut self.edgels,
+            features: &mut self.features,
+        };
         self.report = self.segmenter.segment(&frames, out);
     }
 
@@ -159,6 +171,7 @@ impl Pipeline {
         let observed = Observation {
             cloud: &self.points[..self.report.points],
             edgels: &self.edgels[..self.report.edgels],
+            features: &self.features[..self.report.features],
             cameras: &self.cameras,
         };
         self.registrar.register(&observed, state, &mut self.targets_m, &mut self.confidence)
@@ -187,6 +200,11 @@ impl Pipeline {
     /// The contour of the last step.
     pub fn edgels(&self) -> &[Edgel] {
         &self.edgels[..self.report.edgels]
+    }
+
+    /// The recognised points of the last step.
+    pub fn features(&self) -> &[Feature] {
+        &self.features[..self.report.features]
     }
 
     /// The cameras.

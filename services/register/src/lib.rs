@@ -3,11 +3,13 @@
 //!
 //! The story: [`Registrar::register`] predicts where the sheet is, lets [`track`] bend it onto the
 //! cloud by Coherent Point Drift, judges the result ([`score`]) and, where it does not explain
-//! what is seen, tries a pose found from the cloud alone ([`first_pose`]).
+//! what is seen, tries a pose found from the cloud alone ([`first_pose`]). A printed sheet can be
+//! registered by its recognised points instead ([`features`]).
 
 mod align;
 mod basis;
 mod expectation;
+mod features;
 mod first_pose;
 mod isometry;
 mod mixture;
@@ -18,6 +20,6 @@ mod score;
 pub mod textbook;
 mod track;
 
-pub use params::{RegisterConfig, RegisterParams};
+pub use params::{RegisterConfig, RegisterMode, RegisterParams};
 pub use registrar::{Observation, RegisterReport, Registrar, Tracking};
 pub use track::{Termination, TrackReport};

@@ -3,6 +3,17 @@
 use orime_params::{Checker, Problem};
 use serde::{Deserialize, Serialize};
 
+/// What the sheet is registered to.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RegisterMode {
+    /// The cloud and the contour, by Coherent Point Drift.
+    #[default]
+    Cpd,
+    /// Recognised points of a printed sheet, by their number.
+    Markers,
+}
+
 /// The `[register]` section of a set.
 ///
 /// Lengths that are fractions of the sheet are fractions of its mean side, so that another sheet
@@ -10,6 +21,10 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RegisterParams {
+    /// What the sheet is registered to: `"cpd"` (default), its cloud and contour; or `"markers"`,
+    /// the features that `segment.markers` gives. The keys below, but for `isometry_sweeps` to
+    /// `momentum`, are for the former.
+    pub mode: RegisterMode,
     /// Most iterations of expectation maximisation per frame. Time grows with it. Default 12.
     pub iterations_max: u32,
     /// Stop once no node moves farther than this in an iteration, fraction of the sheet.
@@ -63,6 +78,7 @@ pub struct RegisterParams {
 impl Default for RegisterParams {
     fn default() -> Self {
         Self {
+            mode: RegisterMode::Cpd,
             iterations_max: 12,
             move_tolerance: 0.0003,
             kernel_width: 0.3,
@@ -89,6 +105,7 @@ impl RegisterParams {
     /// Checks the section; every problem at once.
     pub fn check(&self) -> Result<RegisterConfig, Vec<Problem>> {
         let Self {
+            mode: _,
             iterations_max,
             move_tolerance,
             kernel_width,

@@ -1,11 +1,14 @@
 //! From frame to frame: predict, register, judge, and find the sheet again where it was lost.
 
+mod marked;
+
+use crate::features::Fusion;
 use crate::first_pose;
 use crate::mixture::Cloud;
-use crate::params::{RegisterConfig, RegisterParams};
+use crate::params::{RegisterConfig, RegisterMode, RegisterParams};
 use crate::score::Score;
 use crate::track::{TrackReport, Tracker};
-use orime_geometry::{Edgel, ObservedPoint, RgbdCamera, SheetGrid};
+use orime_geometry::{Edgel, Feature, ObservedPoint, RgbdCamera, SheetGrid};
 
 /// Whether the sheet is being followed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -29,6 +32,8 @@ pub struct Observation<'a> {
     pub cloud: &'a [ObservedPoint],
     /// Contour elements of all cameras.
     pub edgels: &'a [Edgel],
+    /// Recognised points of a printed sheet, of all cameras.
+    pub features: &'a [Feature],
     /// The cameras that `edgels` were seen by; without them the contour is not used.
     pub cameras: &'a [RgbdCamera],
 }
@@ -60,6 +65,7 @@ pub struct Registrar {
     sheet: SheetGrid,
     template_m: Option<Vec<[f32; 3]>>,
     tracker: Tracker,
+    fusion: Fusion,
     cloud: Cloud,
     points: Vec<ObservedPoint>,
     nodes_m: Vec<[f32; 3]>,
@@ -87,6 +93,7 @@ impl Registrar {
         Self {
             params: config.params.clone(),
             tracker: Tracker::new(&config.params, sheet, rest),
+            fusion: Fusion::new(&config.params, sheet, rest),
             sheet: sheet.clone(),
             template_m,
             cloud: Cloud::default(),
@@ -113,6 +120,9 @@ impl Registrar {
         targets_m: &mut [[f32; 3]],
         confidence: &mut [f32],
     ) -> RegisterReport {
+        if self.params.mode == RegisterMode::Markers {
+            return self.register_marked(observed.features, predicted_m, targets_m, confidence);
+        }
         let mut report =
             RegisterReport { points_rejected: self.accept(observed.cloud), ..Default::default() };
         confidence.fill(0.0);

@@ -89,8 +89,12 @@ impl Register {
         if self.cameras.len() != cloud.cameras().len() {
             self.cameras = cloud.cameras().iter().map(RgbdCamera::from).collect();
         }
-        let observed =
-            Observation { cloud: cloud.points(), edgels: cloud.edgels(), cameras: &self.cameras };
+        let observed = Observation {
+            cloud: cloud.points(),
+            edgels: cloud.edgels(),
+            features: cloud.features(),
+            cameras: &self.cameras,
+        };
         let registrar = &mut self.registrar;
         let predicted_m = self
             .state

@@ -1,18 +1,19 @@
 //! One camera's segmentation: the pixels' story, from a frame to points and edgels.
 
-use orime_geometry::{Edgel, ObservedPoint, RgbdCamera, RgbdFrame, SheetGrid};
+use orime_geometry::{Edgel, Feature, ObservedPoint, RgbdCamera, RgbdFrame, SheetGrid};
 
 use crate::bits::BitImage;
 use crate::color_model::ColorTable;
 use crate::components::Components;
 use crate::contour::Contour;
 use crate::depth::DepthMap;
+use crate::features::FeatureFinder;
 use crate::images::{ColorImages, DepthImages};
 use crate::inner_edge;
 use crate::learn::{Learner, Proposal};
 use crate::mask::{Accepted, MaskBuilder};
 use crate::occluders::Occluders;
-use crate::params::SegmentParams;
+use crate::params::{Markers, SegmentParams};
 use crate::select::{Evidence, Selector, SheetSize};
 use crate::steps::Steps;
 use crate::voxels::Voxels;
@@ -57,6 +58,7 @@ pub(crate) struct CameraSegmenter {
     steps: Steps,
     selector: Selector,
     occluders: Occluders,
+    finder: Option<FeatureFinder>,
     components: Components,
     builder: MaskBuilder,
     color: ColorImages,
@@ -103,6 +105,10 @@ impl CameraSegmenter {
             steps: Steps::new(&map, params),
             selector: Selector::new(map.width, map.height),
             occluders: Occluders::new(map.width, map.height),
+            finder: match params.markers {
+                Markers::None => None,
+                Markers::Sheet => Some(FeatureFinder::new(index as u32, camera, sheet)),
+            },
             components: Components::new(width, height),
             builder: MaskBuilder::new(width, height),
             color: ColorImages::new(width, height),
@@ -120,6 +126,11 @@ impl CameraSegmenter {
         self.voxels.left_out()
     }
 
+    /// Features of the last frame.
+    pub fn features(&self) -> &[Feature] {
+        self.finder.as_ref().map_or(&[], |finder| &finder.features)
+    }
+
     /// The mask of the last frame.
     pub fn mask(&self) -> &BitImage {
         &self.color.mask
@@ -131,11 +142,17 @@ impl CameraSegmenter {
         self.points.clear();
         self.edgels.clear();
         self.edgels_left_out = 0;
+        if let Some(finder) = &mut self.finder {
+            finder.look_near(&self.color.mask);
+        }
         self.color.mask.clear();
         let Some(frame) = frame.filter(|frame| frame.fits(&self.camera)) else {
             return Outcome::NoFrame;
         };
         self.map.load(frame.depth_units);
+        if let Some(finder) = &mut self.finder {
+            finder.find(frame.color_rgb, &self.map);
+        }
         let found = match self.table.take() {
             Some(table) => {
                 let found = self.find_sheet(frame.color_rgb, &table).is_some();
@@ -198,6 +215,9 @@ impl CameraSegmenter {
     fn find_sheet(&mut self, color_rgb: &[u8], table: &ColorTable) -> Option<f32> {
         let (color, depth, params) = (&mut self.color, &mut self.depth, &self.params);
         table.classify(color_rgb, &mut color.candidate);
+        if let Some(finder) = &self.finder {
+            finder.add_ink(&mut color.candidate);
+        }
         color.candidate.erode(params.open_px, &mut color.scratch);
         color.candidate.dilate(params.open_px + params.close_px, &mut color.scratch);
         color.candidate.erode(params.close_px, &mut color.scratch);

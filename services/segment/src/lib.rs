@@ -6,6 +6,9 @@
 //! are cut at steps (`steps`) into patches, of which those that can be the sheet are chosen
 //! (`select`); they make the mask (`mask`). What is near an occluder (`occluders`) is dropped, the
 //! rest is averaged (`voxels`), and the mask's outline becomes edgels (`contour`, `inner_edge`).
+//!
+//! The markers of a printed sheet (`features`) are found before all that: their ink counts as
+//! sheet-coloured, and their corners, lifted by depth (`plane`), become features.
 
 mod bits;
 mod camera;
@@ -13,6 +16,7 @@ mod color_model;
 mod components;
 mod contour;
 mod depth;
+mod features;
 mod images;
 mod inner_edge;
 mod learn;
@@ -20,14 +24,15 @@ mod mask;
 mod morphology;
 mod occluders;
 mod params;
+mod plane;
 mod select;
 mod steps;
 mod voxels;
 
-pub use params::{SegmentConfig, SegmentParams};
+pub use params::{Markers, SegmentConfig, SegmentParams};
 
 use camera::{CameraSegmenter, Outcome};
-use orime_geometry::{Edgel, ObservedPoint, RgbdCamera, RgbdFrame, SheetGrid};
+use orime_geometry::{Edgel, Feature, ObservedPoint, RgbdCamera, RgbdFrame, SheetGrid};
 use rayon::prelude::*;
 
 /// Where a segmentation is written: the caller's memory, filled from the front.
@@ -37,6 +42,8 @@ pub struct ObservedMut<'a> {
     pub points: &'a mut [ObservedPoint],
     /// Contour elements of all cameras.
     pub edgels: &'a mut [Edgel],
+    /// Recognised points of a printed sheet, of all cameras.
+    pub features: &'a mut [Feature],
 }
 
 /// What segmenting one frame set gave.
@@ -46,6 +53,8 @@ pub struct SegmentReport {
     pub points: usize,
     /// Edgels written.
     pub edgels: usize,
+    /// Features written.
+    pub features: usize,
     /// Cameras in which no sheet was found.
     pub cameras_without_sheet: u32,
     /// Cameras whose frame was missing or had the wrong size.
@@ -54,6 +63,8 @@ pub struct SegmentReport {
     pub points_left_out: u32,
     /// Edgels that did not fit into the caller's memory; those written are spread evenly.
     pub edgels_left_out: u32,
+    /// Features that did not fit into the caller's memory; those written are spread evenly.
+    pub features_left_out: u32,
     /// Depth pixels on the sheet that were dropped because a camera's cells were all taken.
     pub pixels_left_out: u32,
 }
@@ -66,6 +77,8 @@ pub struct Segmenter {
 
 impl Segmenter {
     /// A segmenter for these cameras, which has not seen the sheet yet.
+    ///
+    /// Panics if [`SegmentConfig::check_sheet`] refuses the sheet.
     pub fn new(config: &SegmentConfig, cameras: &[RgbdCamera], sheet: &SheetGrid) -> Self {
         let start = |(index, camera): (usize, &RgbdCamera)| {
             let segmenter = CameraSegmenter::new(index, camera, &config.params, sheet);
@@ -98,6 +111,10 @@ impl Segmenter {
         report.edgels = thin(cameras().flat_map(|camera| &camera.edgels), total, out.edgels);
         let not_traced: u32 = cameras().map(|camera| camera.edgels_left_out).sum();
         report.edgels_left_out = (total - report.edgels) as u32 + not_traced;
+
+        let total = cameras().map(|camera| camera.features().len()).sum();
+        report.features = thin(cameras().flat_map(|camera| camera.features()), total, out.features);
+        report.features_left_out = (total - report.features) as u32;
         report
     }
 

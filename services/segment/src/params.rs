@@ -1,7 +1,20 @@
 //! The `[segment]` section of a set.
 
+use orime_geometry::SheetGrid;
+use orime_markers::SheetPrint;
 use orime_params::{Checker, Problem};
 use serde::{Deserialize, Serialize};
+
+/// What is printed on the sheet.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Markers {
+    /// Nothing that is looked for.
+    #[default]
+    None,
+    /// The grid of ArUco markers that Orime prints on both sides.
+    Sheet,
+}
 
 /// The `[segment]` section of a set.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -69,6 +82,10 @@ pub struct SegmentParams {
     pub contrast_min: f64,
     /// Whether steps in depth inside the mask (the edge of a flap) become edgels. Default true.
     pub inner_edgels: bool,
+    /// Which printed markers are looked for: `"none"`, or `"sheet"`, the ArUco grid with corners at
+    /// every other node (both sides odd numbers of nodes). Their corners become features.
+    /// Default none.
+    pub markers: Markers,
 }
 
 impl Default for SegmentParams {
@@ -96,6 +113,7 @@ impl Default for SegmentParams {
             edgel_spacing_px: 2,
             contrast_min: 24.0,
             inner_edgels: true,
+            markers: Markers::None,
         }
     }
 }
@@ -126,6 +144,7 @@ impl SegmentParams {
             edgel_spacing_px,
             contrast_min,
             inner_edgels: _,
+            markers: _,
         } = *self;
         let mut checker = Checker::new();
         let depths = [depth_min_m, depth_max_m];
@@ -174,6 +193,17 @@ impl SegmentParams {
 #[derive(Debug, Clone)]
 pub struct SegmentConfig {
     pub(crate) params: SegmentParams,
+}
+
+impl SegmentConfig {
+    /// Whether the markers that are to be looked for can be on this sheet; if not, the problem is
+    /// about the section `sheet`.
+    pub fn check_sheet(&self, sheet: &SheetGrid) -> Result<(), Problem> {
+        match self.params.markers {
+            Markers::None => Ok(()),
+            Markers::Sheet => SheetPrint::new(sheet.nodes).map(drop),
+        }
+    }
 }
 
 #[cfg(test)]
@@ -231,6 +261,6 @@ mod tests {
                 checked += 1;
             }
         }
-        assert_eq!(checked, 22);
+        assert_eq!(checked, 23);
     }
 }

@@ -31,9 +31,14 @@ struct Gathering {
 impl Segment {
     /// Opens this stage's channels and says that it is ready.
     pub fn open(service: &Service) -> anyhow::Result<Self> {
+        let config = service.config("segment", SegmentParams::check)?;
+        let sheet = service.config("sheet", SheetParams::check)?;
+        config.check_sheet(&sheet).map_err(|problem| {
+            anyhow::anyhow!("`segment.markers` is \"sheet\", but `sheet`: {problem}")
+        })?;
         let segment = Self {
-            config: service.config("segment", SegmentParams::check)?,
-            sheet: service.config("sheet", SheetParams::check)?,
+            config,
+            sheet,
             pace: service.set().pace,
             frames: service.subscribe_frames()?,
             clouds: service.publish(&channel::CLOUD)?,
@@ -116,10 +121,16 @@ impl Segment {
         let mut work = Work::default();
         let sent = self.clouds.send_with(&lineage, |cloud| {
             work.start_ns = now_ns();
-            let out = ObservedMut { points: &mut cloud.points, edgels: &mut cloud.edgels };
+            let out = ObservedMut {
+                points: &mut cloud.points,
+                edgels: &mut cloud.edgels,
+                features: &mut cloud.features,
+            };
             let report = segmenter.segment(&views, out);
             cloud.n_points = report.points as u32;
             cloud.n_edgels = report.edgels as u32;
+            cloud.n_features = report.features as u32;
+            cloud.features_left_out = report.features_left_out;
             cloud.cameras_without_sheet = report.cameras_without_sheet;
             cloud.cameras_without_frame = report.cameras_without_frame;
             cloud.points_left_out = report.points_left_out;
@@ -185,5 +196,6 @@ fn lineage(set: &[ReceivedFrame]) -> Header {
 
 /// Bytes of the used parts of a cloud.
 fn cloud_bytes(cloud: &ObservedCloud) -> u64 {
-    (size_of_val(cloud.points()) + size_of_val(cloud.edgels())) as u64
+    let features = size_of_val(cloud.features());
+    (size_of_val(cloud.points()) + size_of_val(cloud.edgels()) + features) as u64
 }

@@ -14,6 +14,6 @@ pub mod surface;
 pub use camera::{CameraModel, RgbdCamera};
 pub use frame::{RgbdFrame, RgbdFrameMut};
 pub use nalgebra;
-pub use point::{Edgel, EdgelKind, ObservedPoint};
+pub use point::{Edgel, EdgelKind, Feature, ObservedPoint};
 pub use sheet::{SheetGrid, SheetParams};
 pub use surface::Surface;

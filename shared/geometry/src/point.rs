@@ -1,4 +1,4 @@
-//! What segmentation sees: surface points and contour edgels, as plain old data.
+//! What segmentation sees: surface points, contour edgels and printed features, as plain old data.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -48,4 +48,18 @@ impl Edgel {
             _ => None,
         }
     }
+}
+
+/// One point of a printed sheet that was recognised, and where it is.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Zeroable, Pod)]
+pub struct Feature {
+    /// World frame, metres.
+    pub position_m: [f32; 3],
+    /// Index of the sheet's node that it is.
+    pub node: u32,
+    /// Index of the camera in the set.
+    pub camera: u32,
+    /// Number of depth pixels that the position was measured with.
+    pub pixels: f32,
 }

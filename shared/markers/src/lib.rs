@@ -10,6 +10,7 @@ mod grey;
 mod params;
 mod render;
 mod sheet_layout;
+mod sheet_print;
 
 pub use detect::{Detector, Marker};
 pub use dictionary::{Dictionary, DictionaryError, predefined_names};
@@ -17,3 +18,4 @@ pub use grey::{GreyImage, ImageSizeError, grey_from_rgb};
 pub use params::{DetectorConfig, DetectorParams};
 pub use render::Raster;
 pub use sheet_layout::{CornerPlace, SheetLayout, SheetMarker, SheetSide};
+pub use sheet_print::SheetPrint;

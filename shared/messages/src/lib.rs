@@ -12,7 +12,7 @@ mod sheet;
 
 use bytemuck::Pod;
 
-pub use cloud::{EDGELS_MAX, ObservedCloud, POINTS_MAX};
+pub use cloud::{EDGELS_MAX, FEATURES_MAX, ObservedCloud, POINTS_MAX};
 pub use frame::{
     CAMERA_NAME_MAX, CAMERAS_MAX, CameraMeta, FRAME_ALIGNMENT, FrameExtent, FrameMeta, FrameStatus,
     LensMeta, PoseMeta,

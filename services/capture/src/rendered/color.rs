@@ -5,6 +5,7 @@ use orime_geometry::RgbdCamera;
 use orime_geometry::nalgebra::Isometry3;
 
 use super::faults::Faults;
+use super::ink::Ink;
 use super::noise::{hash, normal};
 use super::paint::{Look, Painted};
 use super::params::RenderedParams;
@@ -57,13 +58,19 @@ impl ColorView {
 
     /// Writes one image: the table, and over it the scene with anti-aliased edges. `random`
     /// picks the sensor's noise.
-    pub fn draw(&mut self, scene: &Scene, paper: &Texture, random: u64, rgb: &mut [u8]) {
-        let look = Look { paper, texture: self.sheet_texture };
+    pub fn draw(
+        &mut self,
+        scene: &Scene,
+        (paper, ink): (&Texture, Option<&Ink>),
+        random: u64,
+        rgb: &mut [u8],
+    ) {
+        let look = Look { paper, texture: self.sheet_texture, ink };
         let height = self.lens.height as usize;
         let stride = 3 * self.lens.width as usize;
-        // Two faces alone are drawn with exact coverage.
+        // Two faces alone, without print, are drawn with exact coverage.
         let simple: Option<Painted<'_>> = match (scene.faces(), scene.is_blurred()) {
-            ([fixed, moving], false) if fixed.is_sheet => {
+            ([fixed, moving], false) if fixed.is_sheet && ink.is_none() => {
                 Some(Painted::new(&self.lens, &self.lens_from_world, &[*fixed, *moving], look))
             }
             _ => None,

@@ -4,6 +4,7 @@ use orime_geometry::CameraModel;
 use orime_geometry::nalgebra::{Isometry3, Vector3};
 
 use super::coverage::{self, REACH_PX};
+use super::ink::Ink;
 use super::project::Projected;
 use super::scene::Face;
 use super::table::Texture;
@@ -26,6 +27,8 @@ pub(super) struct Look<'a> {
     pub paper: &'a Texture,
     /// Relative strength of the fibres.
     pub texture: f32,
+    /// Print; drawn only where faces are sampled.
+    pub ink: Option<&'a Ink>,
 }
 
 /// The two facets of a folded sheet as one colour lens sees them.
@@ -149,18 +152,29 @@ impl Fibres {
     }
 
     pub fn new(facet: Option<&Projected>, y: usize) -> Self {
-        let Some(facet) = facet else { return Self::none() };
+        facet.map_or_else(Self::none, |facet| Self::at_height(facet, y as f64))
+    }
+
+    /// The same between rows.
+    pub fn at_height(facet: &Projected, y: f64) -> Self {
         let m = &facet.per_depth;
         Self {
-            start: [0, 1, 2].map(|r| (m[(r, 1)] * y as f64 + m[(r, 2)]) as f32),
+            start: [0, 1, 2].map(|r| (m[(r, 1)] * y + m[(r, 2)]) as f32),
             step: [0, 1, 2].map(|r| m[(r, 0)] as f32),
         }
     }
 
     #[inline]
     pub fn brightness(&self, x: usize, look: &Look<'_>) -> f32 {
-        let [u, v, w] = [0, 1, 2].map(|k| self.start[k] + self.step[k] * x as f32);
+        let [u_m, v_m] = self.uv_m(x as f32);
+        1.0 + look.texture * look.paper.at(u_m, v_m)
+    }
+
+    /// Point of the sheet that is seen at a column, metres.
+    #[inline]
+    pub fn uv_m(&self, x: f32) -> [f32; 2] {
+        let [u, v, w] = [0, 1, 2].map(|k| self.start[k] + self.step[k] * x);
         let z = 1.0 / w;
-        1.0 + look.texture * look.paper.at(u * z, v * z)
+        [u * z, v * z]
     }
 }

@@ -4,6 +4,7 @@ use orime_params::{Checker, Problem};
 use serde::{Deserialize, Serialize};
 
 use super::faults::{FaultParams, FaultPreset};
+use super::ink::Printed;
 use super::views::{self, ViewParams, Viewpoints};
 
 /// What is folded.
@@ -73,6 +74,9 @@ pub struct RenderedParams {
     pub sheet_yaw_deg: f64,
     /// Colour of the sheet, 0 to 255. Default a slightly warm white.
     pub sheet_rgb: [u8; 3],
+    /// What is printed on both sides: `"none"` (default) or `"markers"`, an ArUco grid with corners
+    /// at every other node.
+    pub printed: Printed,
     /// Colour of the table, 0 to 255. Default wood.
     pub table_rgb: [u8; 3],
     /// Strength of the textures of table (in full) and sheet (a tenth of it), 0 (off) to 1.
@@ -110,6 +114,7 @@ impl Default for RenderedParams {
             sheet_center_m: [0.0, 0.0],
             sheet_yaw_deg: 10.0,
             sheet_rgb: [250, 247, 240],
+            printed: Printed::None,
             table_rgb: [132, 92, 60],
             texture: 0.25,
             depth_m_per_unit: 0.001,
@@ -153,6 +158,7 @@ impl RenderedParams {
             sheet_center_m,
             sheet_yaw_deg,
             sheet_rgb: _,
+            printed: _,
             table_rgb: _,
             texture,
             depth_m_per_unit,

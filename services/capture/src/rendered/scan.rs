@@ -9,6 +9,7 @@ use std::ops::Range;
 use orime_geometry::CameraModel;
 use orime_geometry::nalgebra::{Isometry3, Vector3};
 
+use super::ink::Ink;
 use super::paint::{self, Fibres, Look};
 use super::project::Projected;
 use super::scene::{INSTANTS, Scene};
@@ -36,6 +37,10 @@ pub(super) struct Scan {
     fibres: Vec<bool>,
     /// Faces of one instant, for their fibres.
     middle: Vec<Option<Projected>>,
+    /// Whether each face shows its back.
+    backs: Vec<bool>,
+    /// For each row of samples, where each face's points lie on the sheet; only for print.
+    lines: [Vec<Fibres>; SUB_ROWS],
     /// Which layers a row touches, for each instant.
     active: [Vec<usize>; INSTANTS],
     /// Nearest inverse depth of each sample of one row of samples.
@@ -51,6 +56,8 @@ impl Scan {
             rgb: Vec::with_capacity(FACES_MAX),
             fibres: Vec::with_capacity(FACES_MAX),
             middle: Vec::with_capacity(FACES_MAX),
+            backs: Vec::with_capacity(FACES_MAX),
+            lines: std::array::from_fn(|_| Vec::with_capacity(FACES_MAX)),
             active: std::array::from_fn(|_| Vec::with_capacity(FACES_MAX)),
             nearest: vec![0.0; 2 * width],
             seen: std::array::from_fn(|_| vec![TABLE; 2 * width]),
@@ -66,6 +73,7 @@ impl Scan {
         self.rgb.clear();
         self.fibres.clear();
         self.middle.clear();
+        self.backs.clear();
         // A gripper that lets go within the exposure is missing from some instants.
         let instants = if scene.is_blurred() { INSTANTS } else { 1 };
         let fullest = (0..instants).map(|k| scene.faces_at(k)).max_by_key(|faces| faces.len());
@@ -74,6 +82,7 @@ impl Scan {
             self.rgb.push(face.rgb.map(|c| c * light));
             self.fibres.push(face.is_sheet);
             self.middle.push(project(face));
+            self.backs.push(face.pose.normal().dot(&(eye_m - face.pose.origin_m)) < 0.0);
         }
         for (k, layers) in self.layers.iter_mut().enumerate() {
             layers.clear();
@@ -106,7 +115,29 @@ impl Scan {
                 sample(face, *id, y, sub, &columns, &mut self.nearest, seen);
             }
         }
+        if look.ink.is_some() {
+            self.lay_lines(y, instants);
+        }
         self.blend(y, columns, look, row);
+    }
+
+    /// Finds where on the sheet a row's samples lie.
+    fn lay_lines(&mut self, y: usize, instants: usize) {
+        for (sub, lines) in self.lines.iter_mut().enumerate() {
+            lines.clear();
+            lines.resize(self.rgb.len(), Fibres::none());
+            for k in &self.active[sub % instants] {
+                let (id, face) = &self.layers[sub % instants][*k];
+                lines[usize::from(*id)] = Fibres::at_height(face, sample_y(y, sub));
+            }
+        }
+    }
+
+    /// Share of the light that a sample's print reflects.
+    fn reflected(&self, ink: &Ink, id: u8, x: usize, sub: usize, n: usize) -> f32 {
+        let k = usize::from(id);
+        let x = x as f32 + (n as f32 + sample_phase(sub) as f32) / 2.0 - 0.5;
+        ink.reflects(self.backs[k], self.lines[sub][k].uv_m(x))
     }
 
     /// Columns that any face touches in row `y`.
@@ -157,15 +188,36 @@ impl Scan {
                 }
                 (0..3).for_each(|c| mixed[c] += light * self.rgb[k][c]);
             };
+            let share = 1.0 / (2 * SUB_ROWS) as f32;
+            let is_printed = |id: u8| id != TABLE && self.fibres[usize::from(id)];
+            let ink = look.ink.map(|ink| {
+                let at = |sub: usize, n: usize, id: u8| {
+                    if is_printed(id) { self.reflected(ink, id, x, sub, n) } else { 1.0 }
+                };
+                std::array::from_fn(|sub| [0, 1].map(|n| at(sub, n, ids[sub][n])))
+            });
+            let light: [[f32; 2]; SUB_ROWS] = ink.unwrap_or([[1.0; 2]; SUB_ROWS]);
             if uniform {
-                add(first, 1.0, pixel);
+                let mean =
+                    look.ink.map_or(1.0, |_| share * light.as_flattened().iter().sum::<f32>());
+                add(first, mean, pixel);
             } else {
-                let share = 1.0 / (2 * SUB_ROWS) as f32;
-                ids.as_flattened().iter().for_each(|id| add(*id, share, pixel));
+                let samples = ids.as_flattened().iter().zip(light.as_flattened());
+                samples.for_each(|(id, light)| add(*id, share * light, pixel));
             }
             (0..3).for_each(|c| pixel[c] = mixed[c].min(255.0) as u8);
         }
     }
+}
+
+/// Height of a row of samples.
+fn sample_y(y: usize, sub: usize) -> f64 {
+    y as f64 + (sub as f64 + 0.5) / SUB_ROWS as f64 - 0.5
+}
+
+/// Shift of a row of samples, samples.
+fn sample_phase(sub: usize) -> f64 {
+    (PHASES[sub] as f64 + 0.5) / SUB_ROWS as f64
 }
 
 /// Depth-tests one face against one row of samples.
@@ -178,8 +230,7 @@ fn sample(
     nearest: &mut [f32],
     seen: &mut [u8],
 ) {
-    let y = y as f64 + (sub as f64 + 0.5) / SUB_ROWS as f64 - 0.5;
-    let phase = (PHASES[sub] as f64 + 0.5) / SUB_ROWS as f64;
+    let (y, phase) = (sample_y(y, sub), sample_phase(sub));
     // Sample n stands at column (n + phase) / 2 − 1/2.
     let [low, high] = face.chord(y, 0.0).map(|x| 2.0 * (x + 0.5) - phase);
     let low = low.max(2.0 * columns.start as f64);

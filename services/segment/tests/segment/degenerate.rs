@@ -65,7 +65,7 @@ fn missing_and_wrong_sized_frames_are_counted() {
     let mut points = vec![bytemuck::Zeroable::zeroed(); 40_000];
     let mut edgels = vec![bytemuck::Zeroable::zeroed(); 4_000];
     let mut see = |frames: &[Option<RgbdFrame>]| {
-        let out = ObservedMut { points: &mut points, edgels: &mut edgels };
+        let out = ObservedMut { points: &mut points, edgels: &mut edgels, features: &mut [] };
         bench.segmenter.segment(frames, out)
     };
     let report = see(&[Some(good), Some(short), None]);
@@ -74,7 +74,8 @@ fn missing_and_wrong_sized_frames_are_counted() {
     assert_eq!(see(&[]).cameras_without_frame, 3);
     // What does not fit is counted, and what is written is spread over all cameras.
     let whole = see(&[Some(good); 3]);
-    let out = ObservedMut { points: &mut points[..300], edgels: &mut edgels[..30] };
+    let out =
+        ObservedMut { points: &mut points[..300], edgels: &mut edgels[..30], features: &mut [] };
     let report = bench.segmenter.segment(&[Some(good); 3], out);
     assert_eq!((report.points, report.edgels), (300, 30));
     assert_eq!(report.points_left_out as usize, whole.points - 300);

@@ -157,7 +157,7 @@ impl Bench {
             .collect();
         let mut points = vec![bytemuck::Zeroable::zeroed(); 40_000];
         let mut edgels = vec![bytemuck::Zeroable::zeroed(); 4_000];
-        let out = ObservedMut { points: &mut points, edgels: &mut edgels };
+        let out = ObservedMut { points: &mut points, edgels: &mut edgels, features: &mut [] };
         let report = self.segmenter.segment(&frames, out);
         points.truncate(report.points);
         edgels.truncate(report.edgels);

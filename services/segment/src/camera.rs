@@ -171,6 +171,9 @@ impl CameraSegmenter {
         self.attempts = 0;
         self.take_points();
         self.take_edgels(frame.color_rgb);
+        if let Some(table) = &mut self.table {
+            table.follow(frame.color_rgb, &self.color.mask);
+        }
         Outcome::Sheet
     }
 

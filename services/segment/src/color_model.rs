@@ -2,6 +2,10 @@
 //!
 //! Colours are compared as `f = (ln R'/G', ln B'/G', 0.35 ln V')` with `X' = X + 8` and
 //! `V = max(R, G, B)`: shading moves only the third coordinate, and that one counts less.
+//!
+//! Shade has an end: of a matte sheet's brightness in full light something is left on any side.
+//! What has the sheet's chroma and is darker than [`SHADE_MIN`] of it (a grey gripper at white
+//! paper) is something else. Full light is what the sheet was brightest in, so that floor follows.
 
 use crate::bits::{BitImage, pack};
 
@@ -10,6 +14,18 @@ pub(crate) type Feature = [f32; 3];
 
 /// Farthest that a sheet's pixel may be from the sheet's own chroma, `ln R'/G'` and `ln B'/G'`.
 const CHROMA_BOX: [f32; 2] = [0.35, 0.5];
+
+/// Least brightness `V'` of a sheet in its own shade, as a share of that in full light.
+pub(crate) const SHADE_MIN: f32 = 0.41;
+
+/// Dark things of the sheet's chroma: the sheet is at least this many times brighter.
+const CLEAR_OF_DARK: f32 = 1.25;
+
+/// Farthest that their chroma may be from the sheet's.
+const DARK_CHROMA: f32 = 0.15;
+
+/// How fast full light follows a brighter sheet, per frame.
+const BRIGHTER_RATE: f32 = 0.2;
 
 /// The feature of an 8-bit colour.
 pub(crate) fn feature(rgb: [f32; 3]) -> Feature {
@@ -21,23 +37,67 @@ pub(crate) fn distance_squared(a: &Feature, b: &Feature) -> f32 {
     a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum()
 }
 
+/// Brightness `V'` of a feature.
+fn brightness(color: &Feature) -> f32 {
+    (color[2] / 0.35).exp()
+}
+
 /// Which of the 32768 colours of 5 bits a channel are the sheet's.
 #[derive(Debug, Clone)]
 pub(crate) struct ColorTable {
-    sheet: Box<[u8; 1 << 15]>,
+    /// 0 for what is not the sheet; else 1 and its brightest channel, 5 bits.
+    levels: Box<[u8; 1 << 15]>,
+    /// Least level of the sheet, above 0.
+    floor: u8,
+    light: Option<Light>,
+}
+
+/// How bright a sheet is.
+#[derive(Debug, Clone, Copy)]
+struct Light {
+    /// Brightness `V'` in full light.
+    full: f32,
+    /// Least brightness as a share of it.
+    share_min: f32,
+    /// Whether full light is what was seen; two sides may differ in brightness for good.
+    follows: bool,
+}
+
+impl Light {
+    fn floor(&self) -> u8 {
+        let value = self.full * self.share_min - 8.0;
+        // The first level whose centre `8 (level - 1) + 4` is not below it.
+        1 + ((value + 4.0) / 8.0).floor().clamp(0.0, 31.0) as u8
+    }
 }
 
 impl ColorTable {
-    /// Colours nearer to one of `sheet` than to any of `around`, and within its chroma box.
+    /// Colours nearer to one of `sheet` than to any of `around`, within its chroma box, and not
+    /// darker than its shade. What is around and darker than that bounds the shade instead.
     pub fn two_class(sheet: &[Feature], around: &[Feature]) -> Self {
-        Self::new(|color| {
-            let nearest_around = nearest(color, around);
+        let darkest = sheet.iter().map(brightness).fold(f32::INFINITY, f32::min);
+        let is_dark = |other: &&Feature| {
+            let chroma = |seed: &Feature| (other[0] - seed[0]).hypot(other[1] - seed[1]);
+            brightness(other) < SHADE_MIN * darkest && sheet.iter().any(|s| chroma(s) < DARK_CHROMA)
+        };
+        let (dark, around): (Vec<Feature>, Vec<Feature>) =
+            around.iter().partition(|other| is_dark(&other));
+        let dark = dark.iter().map(brightness).fold(0.0, f32::max);
+        let mut table = Self::new(|color| {
+            let nearest_around = nearest(color, &around);
             sheet.iter().any(|seed| {
                 distance_squared(color, seed) < nearest_around
                     && (color[0] - seed[0]).abs() < CHROMA_BOX[0]
                     && (color[1] - seed[1]).abs() < CHROMA_BOX[1]
             })
-        })
+        });
+        if darkest.is_finite() {
+            let share_min = SHADE_MIN.max(CLEAR_OF_DARK * dark / darkest);
+            let light = Light { full: darkest, share_min, follows: sheet.len() == 1 };
+            table.floor = light.floor();
+            table.light = Some(light);
+        }
+        table
     }
 
     /// Colours farther than `distance` from all of `around`.
@@ -46,17 +106,46 @@ impl ColorTable {
     }
 
     fn new(is_sheet: impl Fn(&Feature) -> bool) -> Self {
-        let mut sheet = Box::new([0; 1 << 15]);
-        for (index, entry) in sheet.iter_mut().enumerate() {
-            let centre = |shift: usize| ((index >> shift & 31) * 8 + 4) as f32;
-            *entry = u8::from(is_sheet(&feature([centre(10), centre(5), centre(0)])));
+        let mut levels = Box::new([0; 1 << 15]);
+        for (index, entry) in levels.iter_mut().enumerate() {
+            let channels = [10, 5, 0].map(|shift: usize| (index >> shift & 31) as u8);
+            if is_sheet(&feature(channels.map(|c| f32::from(c * 8 + 4)))) {
+                *entry = 1 + channels.into_iter().fold(0, u8::max);
+            }
         }
-        Self { sheet }
+        Self { levels, floor: 1, light: None }
+    }
+
+    /// Learns from the sheet's pixels how bright it is: from their upper quartile.
+    pub fn follow(&mut self, color_rgb: &[u8], sheet: &BitImage) {
+        let Some(light) = self.light.as_mut().filter(|light| light.follows) else { return };
+        let mut histogram = [0_u32; 32];
+        for y in (0..sheet.height).step_by(4) {
+            for (k, word) in sheet.row(y).iter().enumerate() {
+                let mut rest = word & 0x1111_1111_1111_1111;
+                while rest != 0 {
+                    let at = 3 * (y * sheet.width + 64 * k + rest.trailing_zeros() as usize);
+                    rest &= rest - 1;
+                    let value = color_rgb[at..at + 3].iter().fold(0, |a, b| a.max(*b));
+                    histogram[usize::from(value >> 3)] += 1;
+                }
+            }
+        }
+        let quarter = histogram.iter().sum::<u32>() / 4;
+        let mut above = 0;
+        let level = (0..32).rev().find(|level| {
+            above += histogram[*level];
+            above > quarter
+        });
+        let Some(level) = level else { return };
+        let seen = (8 * level + 4 + 8) as f32;
+        light.full += BRIGHTER_RATE * (seen - light.full).max(0.0);
+        self.floor = light.floor();
     }
 
     /// Whether a colour is the sheet's.
     pub fn is_sheet(&self, rgb: [u8; 3]) -> bool {
-        self.sheet[index(rgb)] == 1
+        self.levels[index(rgb)] >= self.floor
     }
 
     /// Marks the sheet-coloured pixels of a row-major `r, g, b` image.
@@ -66,7 +155,7 @@ impl ColorTable {
             for (word, pixels) in out.row_mut(y).iter_mut().zip(row.chunks(3 * 64)) {
                 let mut bytes = [0; 64];
                 for (byte, rgb) in bytes.iter_mut().zip(pixels.chunks_exact(3)) {
-                    *byte = self.sheet[index([rgb[0], rgb[1], rgb[2]])];
+                    *byte = u8::from(self.levels[index([rgb[0], rgb[1], rgb[2]])] >= self.floor);
                 }
                 *word = pack(&bytes);
             }

@@ -2,20 +2,29 @@
 //! from them alone.
 //!
 //! This is the paper's variant with ArUco features: each feature says which node it is, so that
-//! nothing has to be associated. What cameras say about a node is merged by its median, without
-//! those that lie off it; who stands alone must agree with the prediction.
+//! nothing has to be associated. What cameras say about a node is merged without those that lie
+//! off ([`merge`]); who stands alone must agree with the prediction.
 
-use nalgebra::Point3;
-use orime_geometry::{Feature, SheetGrid, fit};
+mod merge;
+
+use nalgebra::{Point3, Vector3};
+use orime_geometry::{Feature, RgbdCamera, SheetGrid, fit};
 
 use crate::isometry::Isometry;
 use crate::params::RegisterParams;
+use merge::{Limits, Sight, merge};
 
 /// Cameras that agree about a node are this near to each other, share of the sheet's side.
-const AGREE: f32 = 0.04;
+const AGREE: f64 = 0.04;
 
 /// A lone camera's feature must be this near to the prediction, share of the side.
 const GATE: f32 = 0.1;
+
+/// A camera's offset is learnt from nodes that this many agree about, if it sees so many of them;
+/// the share of the residual by which it follows.
+const OFFSET_CAMERAS_MIN: usize = 2;
+const OFFSET_NODES_MIN: f64 = 8.0;
+const OFFSET_RATE: f64 = 0.1;
 
 /// Fewest nodes from which a pose is found.
 const POSE_NODES_MIN: usize = 12;
@@ -26,6 +35,9 @@ const POSE_ERROR_MAX: f32 = 0.03;
 /// Rounds of the rigid fit, and the residual at which a node counts half, share of the side.
 const RIGID_ROUNDS: usize = 20;
 const RIGID_HALF: f64 = 0.03;
+
+/// How far seen nodes carry others along: the deviation s, share of the side.
+const CARRY: f32 = 0.04;
 
 /// Rounds in which a flat sheet is bent to the features.
 const BEND_ROUNDS: usize = 60;
@@ -56,7 +68,13 @@ pub(crate) struct Fusion {
     isometry: Isometry,
     isometry_sweeps: u32,
     flat: Vec<Point3<f64>>,
-    sorted: Vec<Feature>,
+    limits: Limits,
+    sights: Vec<Sight>,
+    /// By how much each camera sees everything displaced, world frame, metres: its calibration
+    /// and its depth err. Learnt from what several see.
+    offsets_m: Vec<Vector3<f64>>,
+    /// Sum and number of each camera's residuals in this step.
+    residuals_m: Vec<(Vector3<f64>, f64)>,
     /// The nodes that were seen in the last step, ascending.
     pub nodes: Vec<Fused>,
 }
@@ -64,42 +82,85 @@ pub(crate) struct Fusion {
 impl Fusion {
     /// `rest_m`: the sheet as it was made.
     pub fn new(params: &RegisterParams, sheet: &SheetGrid, rest_m: &[[f32; 3]]) -> Self {
+        let side_m = (sheet.size_m[0] + sheet.size_m[1]) / 2.0;
         Self {
-            side_m: ((sheet.size_m[0] + sheet.size_m[1]) / 2.0) as f32,
+            side_m: side_m as f32,
             isometry: Isometry::new(sheet, rest_m, params.flatness),
             isometry_sweeps: params.isometry_sweeps.max(1),
             flat: rest_m.iter().map(|p| Point3::from(*p).cast()).collect(),
-            sorted: Vec::new(),
+            limits: Limits {
+                ray_error_ratio: params.ray_error_ratio,
+                agree_m: AGREE * side_m,
+                gate_m: f64::from(GATE) * side_m,
+            },
+            sights: Vec::new(),
+            offsets_m: Vec::new(),
+            residuals_m: Vec::new(),
             nodes: Vec::with_capacity(sheet.len()),
         }
     }
 
-    /// Fuses the features of one step into `nodes`.
-    pub fn fuse(&mut self, features: &[Feature], predicted_m: Option<&[[f32; 3]]>) -> FusionReport {
-        let count = self.flat.len();
-        let sound =
-            |f: &&Feature| f.position_m.iter().all(|c| c.is_finite()) && (f.node as usize) < count;
-        self.sorted.clear();
-        self.sorted.extend(features.iter().filter(sound));
-        self.sorted.sort_by_key(|f| (f.node, f.camera));
-        self.nodes.clear();
-        let (mut used, mut squares) = (0, 0.0);
-        for group in self.sorted.chunk_by(|a, b| a.node == b.node) {
-            let node = group[0].node as usize;
-            let predicted = predicted_m.map(|nodes_m| nodes_m[node]);
-            let Some(centre) = centre(group, predicted, self.side_m) else { continue };
-            let near = |f: &&Feature| distance(f.position_m, centre) <= AGREE * self.side_m;
-            let position_m = mean(group.iter().filter(near).map(|f| f.position_m));
-            for feature in group.iter().filter(near) {
-                squares += distance(feature.position_m, position_m).powi(2);
-                used += 1;
+    /// Fuses the features of one step, seen by `cameras`, into `nodes`.
+    pub fn fuse(
+        &mut self,
+        features: &[Feature],
+        cameras: &[RgbdCamera],
+        predicted_m: Option<&[[f32; 3]]>,
+    ) -> FusionReport {
+        self.offsets_m.resize(cameras.len(), Vector3::zeros());
+        self.sights.clear();
+        for feature in features {
+            let is_sound = feature.position_m.iter().all(|c| c.is_finite())
+                && (feature.node as usize) < self.flat.len();
+            if is_sound {
+                let camera = feature.camera as usize;
+                let seen_m = Vector3::from(feature.position_m).cast::<f64>();
+                let eye_m = cameras.get(camera).map(|c| c.world_from_color.translation.vector);
+                let ray = eye_m.and_then(|eye_m| (seen_m - eye_m).try_normalize(1e-6));
+                self.sights.push(Sight {
+                    node: feature.node,
+                    camera: feature.camera,
+                    position_m: seen_m - self.offsets_m.get(camera).copied().unwrap_or_default(),
+                    ray: ray.unwrap_or_default(),
+                });
             }
-            self.nodes.push(Fused { node, position_m });
+        }
+        self.sights.sort_by_key(|sight| (sight.node, sight.camera));
+        self.merge(predicted_m, features.len())
+    }
+
+    /// Merges the sights by node.
+    fn merge(&mut self, predicted_m: Option<&[[f32; 3]]>, features: usize) -> FusionReport {
+        self.nodes.clear();
+        self.residuals_m.clear();
+        self.residuals_m.resize(self.offsets_m.len(), (Vector3::zeros(), 0.0));
+        let rejected = (features - self.sights.len()) as u32;
+        let (mut used, mut squares) = (0, 0.0);
+        for group in self.sights.chunk_by_mut(|a, b| a.node == b.node) {
+            let node = group[0].node as usize;
+            let predicted = predicted_m.map(|nodes_m| Vector3::from(nodes_m[node]).cast::<f64>());
+            let Some((position_m, count)) = merge(group, predicted, &self.limits) else { continue };
+            for sight in &group[..count] {
+                squares += sight.distance_m(&position_m, &self.limits).powi(2);
+                let residual = self.residuals_m.get_mut(sight.camera as usize);
+                if let Some((sum, weight)) = residual.filter(|_| count >= OFFSET_CAMERAS_MIN) {
+                    *sum += sight.position_m - position_m;
+                    *weight += 1.0;
+                }
+            }
+            used += count;
+            self.nodes.push(Fused { node, position_m: position_m.cast::<f32>().into() });
+        }
+        for (offset_m, (sum, weight)) in self.offsets_m.iter_mut().zip(&self.residuals_m) {
+            if *weight >= OFFSET_NODES_MIN {
+                let limit_m = f64::from(GATE * self.side_m);
+                *offset_m = (*offset_m + sum * (OFFSET_RATE / weight)).cap_magnitude(limit_m);
+            }
         }
         FusionReport {
-            rejected: (features.len() - self.sorted.len()) as u32,
-            used_ratio: used as f32 / self.sorted.len().max(1) as f32,
-            spread_m: (squares / used.max(1) as f32).sqrt(),
+            rejected,
+            used_ratio: used as f32 / self.sights.len().max(1) as f32,
+            spread_m: (squares / used.max(1) as f64).sqrt() as f32,
         }
     }
 
@@ -108,6 +169,38 @@ impl Fusion {
         let near = |f: &&Fused| distance(f.position_m, nodes_m[f.node]) <= GATE * self.side_m;
         let count = self.nodes.iter().filter(near).count();
         if self.nodes.is_empty() { 1.0 } else { count as f32 / self.nodes.len() as f32 }
+    }
+
+    /// Gives nodes that were not seen a target with a confidence of up to `confidence_max`: where
+    /// they are in `state_m`, moved as the seen nodes near them in space are to move.
+    ///
+    /// w[h,k] = exp(−|x[h] − x[k]|²/2s²),  target[h] = x[h] + Σ_k w (t[k] − x[k]) / Σ_k w
+    ///
+    /// O(hidden · seen).
+    pub fn carry(
+        &self,
+        state_m: &[[f32; 3]],
+        confidence_max: f32,
+        targets_m: &mut [[f32; 3]],
+        confidence: &mut [f32],
+    ) {
+        let two_s2_m2 = 2.0 * (CARRY * self.side_m).powi(2);
+        for (h, x) in state_m.iter().enumerate() {
+            if confidence[h] == 1.0 {
+                continue;
+            }
+            let (mut total, mut moved) = (0.0, [0.0; 3]);
+            for seen in &self.nodes {
+                let at = state_m[seen.node];
+                let weight = (-distance(*x, at).powi(2) / two_s2_m2).exp();
+                total += weight;
+                (0..3).for_each(|k| moved[k] += weight * (seen.position_m[k] - at[k]));
+            }
+            if total > 1e-3 {
+                targets_m[h] = [0, 1, 2].map(|k| x[k] + moved[k] / total);
+                confidence[h] = confidence_max * total.min(1.0);
+            }
+        }
     }
 
     /// A pose of every node from the fused ones alone: the flat sheet where most of them are,
@@ -144,41 +237,6 @@ impl Fusion {
         (median <= POSE_ERROR_MAX * self.side_m).then_some(nodes_m)
     }
 }
-
-/// What most cameras say about a node: of three and more the median; of two that agree their mean;
-/// else the one nearest to the prediction, if it is near.
-fn centre(group: &[Feature], predicted_m: Option<[f32; 3]>, side_m: f32) -> Option<[f32; 3]> {
-    let positions = || group.iter().map(|f| f.position_m);
-    let middle = if group.len() >= 3 { median(positions()) } else { mean(positions()) };
-    let near = positions().filter(|p| distance(*p, middle) <= AGREE * side_m).count();
-    if near >= 2 {
-        return Some(middle);
-    }
-    let Some(predicted) = predicted_m else {
-        return (group.len() == 1).then_some(middle);
-    };
-    positions()
-        .min_by(|a, b| distance(*a, predicted).total_cmp(&distance(*b, predicted)))
-        .filter(|p| distance(*p, predicted) <= GATE * side_m)
-}
-
-/// Median of each coordinate.
-fn median(positions: impl Iterator<Item = [f32; 3]> + Clone) -> [f32; 3] {
-    let mut values = [0.0; CAMERAS_MAX];
-    [0, 1, 2].map(|axis| {
-        let mut count = 0;
-        for (value, position) in values.iter_mut().zip(positions.clone()) {
-            *value = position[axis];
-            count += 1;
-        }
-        let values = &mut values[..count];
-        values.sort_unstable_by(f32::total_cmp);
-        (values[(count - 1) / 2] + values[count / 2]) / 2.0
-    })
-}
-
-/// Most features of one node that count for its median.
-const CAMERAS_MAX: usize = 16;
 
 fn mean(positions: impl Iterator<Item = [f32; 3]>) -> [f32; 3] {
     let (mut sum, mut count) = ([0.0; 3], 0.0);

@@ -25,6 +25,14 @@ pub struct RegisterParams {
     /// the features that `segment.markers` gives. The keys below, but for `isometry_sweeps` to
     /// `momentum`, are for the former.
     pub mode: RegisterMode,
+    /// Confidence with which nodes that no camera recognises are carried along with what is seen
+    /// near them in space, in mode `"markers"`, 0 to 1: layers that lie on one another move
+    /// together. 0 gives them no targets, as the paper does. Default 0.
+    pub carry_hidden: f64,
+    /// How many times farther a feature's position errs along its camera's ray than across, 1 to
+    /// 100: more trusts the rays of several cameras and less their depths. 1 takes the mean.
+    /// Default 4.
+    pub ray_error_ratio: f64,
     /// Most iterations of expectation maximisation per frame. Time grows with it. Default 12.
     pub iterations_max: u32,
     /// Stop once no node moves farther than this in an iteration, fraction of the sheet.
@@ -79,6 +87,8 @@ impl Default for RegisterParams {
     fn default() -> Self {
         Self {
             mode: RegisterMode::Cpd,
+            carry_hidden: 0.0,
+            ray_error_ratio: 4.0,
             iterations_max: 12,
             move_tolerance: 0.0003,
             kernel_width: 0.3,
@@ -106,6 +116,8 @@ impl RegisterParams {
     pub fn check(&self) -> Result<RegisterConfig, Vec<Problem>> {
         let Self {
             mode: _,
+            carry_hidden,
+            ray_error_ratio,
             iterations_max,
             move_tolerance,
             kernel_width,
@@ -130,6 +142,8 @@ impl RegisterParams {
             let requirement = format!("must be {low} to {high}");
             checker.require(low <= value && value <= high, key, value, &requirement);
         };
+        within("carry_hidden", *carry_hidden, 0.0, 1.0);
+        within("ray_error_ratio", *ray_error_ratio, 1.0, 100.0);
         within("iterations_max", f64::from(*iterations_max), 1.0, 1000.0);
         within("move_tolerance", *move_tolerance, 0.0, 0.1);
         within("kernel_width", *kernel_width, 0.02, 10.0);

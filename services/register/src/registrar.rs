@@ -121,7 +121,7 @@ impl Registrar {
         confidence: &mut [f32],
     ) -> RegisterReport {
         if self.params.mode == RegisterMode::Markers {
-            return self.register_marked(observed.features, predicted_m, targets_m, confidence);
+            return self.register_marked(observed, predicted_m, targets_m, confidence);
         }
         let mut report =
             RegisterReport { points_rejected: self.accept(observed.cloud), ..Default::default() };

@@ -1,8 +1,6 @@
 //! Registering a printed sheet by its recognised points.
 
-use orime_geometry::Feature;
-
-use super::{RegisterReport, Registrar, Tracking};
+use super::{Observation, RegisterReport, Registrar, Tracking};
 
 /// Fewest seen nodes by which the sheet is followed; fewer still pull.
 const NODES_MIN: usize = 4;
@@ -14,17 +12,18 @@ impl Registrar {
     /// As [`Registrar::register`], from features alone: only nodes that are seen get a target.
     pub(super) fn register_marked(
         &mut self,
-        features: &[Feature],
+        observed: &Observation<'_>,
         predicted_m: Option<&[[f32; 3]]>,
         targets_m: &mut [[f32; 3]],
         confidence: &mut [f32],
     ) -> RegisterReport {
+        let Observation { features, cameras, .. } = observed;
         confidence.fill(0.0);
         let known = predicted_m.filter(|x| self.has_pose && x.len() == self.sheet.len());
         if let Some(state) = known {
             self.predict(state);
         }
-        let fused = self.fusion.fuse(features, known.map(|_| &self.nodes_m[..]));
+        let fused = self.fusion.fuse(features, cameras, known.map(|_| &self.nodes_m[..]));
         let mut report = RegisterReport {
             sigma_m: fused.spread_m,
             inlier_ratio: fused.used_ratio,
@@ -35,7 +34,7 @@ impl Registrar {
         let seen = self.fusion.nodes.len();
         if known.is_none() || self.fusion.agreement(&self.nodes_m) < AGREEMENT_MIN {
             // Fused without a prediction: it may be what was wrong.
-            self.fusion.fuse(features, None);
+            self.fusion.fuse(features, cameras, None);
             match self.fusion.pose() {
                 Some(pose) => {
                     self.nodes_m = pose;
@@ -59,6 +58,10 @@ impl Registrar {
             for fused in &self.fusion.nodes {
                 targets_m[fused.node] = fused.position_m;
                 confidence[fused.node] = 1.0;
+            }
+            if let Some(state) = known.filter(|_| self.params.carry_hidden > 0.0) {
+                let carry = self.params.carry_hidden as f32;
+                self.fusion.carry(state, carry, targets_m, confidence);
             }
         }
         report

@@ -19,7 +19,7 @@ const CHROMA_BOX: [f32; 2] = [0.35, 0.5];
 pub(crate) const SHADE_MIN: f32 = 0.41;
 
 /// Dark things of the sheet's chroma: the sheet is at least this many times brighter.
-const CLEAR_OF_DARK: f32 = 1.25;
+const CLEAR_OF_DARK: f32 = 1.15;
 
 /// Farthest that their chroma may be from the sheet's.
 const DARK_CHROMA: f32 = 0.15;
@@ -80,8 +80,7 @@ impl ColorTable {
             let chroma = |seed: &Feature| (other[0] - seed[0]).hypot(other[1] - seed[1]);
             brightness(other) < SHADE_MIN * darkest && sheet.iter().any(|s| chroma(s) < DARK_CHROMA)
         };
-        let (dark, around): (Vec<Feature>, Vec<Feature>) =
-            around.iter().partition(|other| is_dark(&other));
+        let (dark, around): (Vec<Feature>, Vec<Feature>) = around.iter().partition(is_dark);
         let dark = dark.iter().map(brightness).fold(0.0, f32::max);
         let mut table = Self::new(|color| {
             let nearest_around = nearest(color, &around);
@@ -171,64 +170,71 @@ fn nearest(color: &Feature, all: &[Feature]) -> f32 {
     all.iter().map(|other| distance_squared(color, other)).fold(f32::INFINITY, f32::min)
 }
 
-/// Centres of at most `k` clusters of `samples`: k-means++ from a seeded start, 20 rounds.
-///
-/// Source: Arthur & Vassilvitskii, SODA 2007. Equal samples and seed give equal centres.
-pub(crate) fn k_means(samples: &[Feature], k: usize, seed: u64) -> Vec<Feature> {
-    let mut centres = Vec::with_capacity(k);
-    let mut gaps = vec![f32::INFINITY; samples.len()];
-    for round in 0..k {
-        let total: f64 = gaps.iter().map(|g| f64::from(*g)).sum();
-        let pick = if round == 0 {
-            samples.len() / 2
-        } else {
-            let target = uniform(seed, round as u64) * total;
-            let mut sum = 0.0;
-            gaps.iter()
-                .take_while(|g| {
-                    sum += f64::from(**g);
-                    sum < target
-                })
-                .count()
-        };
-        // Fewer distinct samples than centres, or none at all.
-        if round > 0 && total <= 1e-6 {
-            break;
-        }
-        let Some(centre) = samples.get(pick) else { break };
-        centres.push(*centre);
-        for (gap, sample) in gaps.iter_mut().zip(samples) {
-            *gap = gap.min(distance_squared(sample, centre));
-        }
-    }
-    for _ in 0..20 {
-        refine(&mut centres, samples);
-    }
-    centres
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-/// One round of Lloyd's iteration.
-fn refine(centres: &mut [Feature], samples: &[Feature]) {
-    let mut sums = vec![([0.0; 3], 0.0); centres.len()];
-    for sample in samples {
-        let of = |c: &Feature| distance_squared(sample, c);
-        let owner = (0..centres.len()).min_by(|a, b| of(&centres[*a]).total_cmp(&of(&centres[*b])));
-        if let Some((sum, count)) = owner.map(|k| &mut sums[k]) {
-            (0..3).for_each(|axis| sum[axis] += f64::from(sample[axis]));
-            *count += 1.0;
-        }
-    }
-    for (centre, (sum, count)) in centres.iter_mut().zip(sums) {
-        if count > 0.0 {
-            *centre = sum.map(|s| (s / count) as f32);
-        }
-    }
-}
+    const PAPER: [f32; 3] = [250.0, 247.0, 240.0];
+    const STEEL: [f32; 3] = [74.0, 78.0, 84.0];
+    const WOOD: [f32; 3] = [132.0, 92.0, 60.0];
 
-/// A number in [0, 1) from a seed and a counter (SplitMix64).
-fn uniform(seed: u64, counter: u64) -> f64 {
-    let mut x = seed.wrapping_add(counter.wrapping_mul(0x9e37_79b9_7f4a_7c15));
-    x = (x ^ x >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    x = (x ^ x >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-    ((x ^ x >> 31) >> 11) as f64 / (1u64 << 53) as f64
+    fn lit(rgb: [f32; 3], light: f32) -> [f32; 3] {
+        rgb.map(|c| (c * light).min(255.0))
+    }
+
+    fn is_sheet(table: &ColorTable, rgb: [f32; 3]) -> bool {
+        table.is_sheet(rgb.map(|c| c as u8))
+    }
+
+    /// White paper in any light of `lights` is the sheet, steel and wood in none of them.
+    fn check(table: &ColorTable, lights: &[f32]) {
+        for light in lights {
+            assert!(is_sheet(table, lit(PAPER, *light)), "paper in {light}");
+            assert!(!is_sheet(table, lit(STEEL, *light)), "steel in {light}");
+            assert!(!is_sheet(table, lit(WOOD, *light)), "wood in {light}");
+        }
+    }
+
+    const LIGHTS: [f32; 5] = [0.45, 0.6, 0.8, 1.0, 1.1];
+
+    #[test]
+    fn steel_that_was_not_seen_is_not_white_paper() {
+        check(&ColorTable::two_class(&[feature(PAPER)], &[feature(WOOD)]), &LIGHTS);
+    }
+
+    #[test]
+    fn steel_that_was_seen_does_not_take_the_papers_shaded_sides() {
+        for light in [0.45, 0.8, 1.1] {
+            let around = [feature(WOOD), feature(lit(STEEL, light))];
+            check(&ColorTable::two_class(&[feature(PAPER)], &around), &LIGHTS);
+        }
+    }
+
+    #[test]
+    fn a_grey_table_that_is_not_much_darker_still_competes() {
+        let table = ColorTable::two_class(&[feature(PAPER)], &[feature([120.0; 3])]);
+        assert!(!is_sheet(&table, [130.0; 3]) && is_sheet(&table, [200.0; 3]));
+        // A darker one bounds the shade.
+        let table = ColorTable::two_class(&[feature(PAPER)], &[feature([92.0; 3])]);
+        assert!(!is_sheet(&table, [100.0; 3]) && is_sheet(&table, [132.0; 3]));
+    }
+
+    /// A sheet first seen from below, in its own shade, and then turned into the light.
+    #[test]
+    fn the_floor_follows_the_light() {
+        let mut table = ColorTable::two_class(&[feature(lit(PAPER, 0.58))], &[feature(WOOD)]);
+        assert!(is_sheet(&table, lit(PAPER, 0.45)) && is_sheet(&table, lit(STEEL, 1.1)));
+        let mut sheet = BitImage::new(130, 40);
+        (0..40).for_each(|y| sheet.set_run(y, 3, 129));
+        let image = |light: f32| [0; 130 * 40].map(|_: u8| lit(PAPER, light).map(|c| c as u8));
+        for _ in 0..30 {
+            table.follow(image(1.0).as_flattened(), &sheet);
+        }
+        check(&table, &LIGHTS);
+        // Shade is no reason to forget what full light was.
+        for _ in 0..300 {
+            table.follow(image(0.45).as_flattened(), &sheet);
+        }
+        check(&table, &LIGHTS);
+    }
 }

@@ -6,7 +6,8 @@
 //! background), everything unlike the border is tried.
 
 use crate::bits::BitImage;
-use crate::color_model::{ColorTable, Feature, distance_squared, feature, k_means};
+use crate::cluster::k_means;
+use crate::color_model::{ColorTable, Feature, distance_squared, feature};
 use crate::components::Components;
 
 /// Largest standard deviation of brightness over 9 × 9 pixels without texture, of 255.

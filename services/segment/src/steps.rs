@@ -122,8 +122,12 @@ impl Steps {
             let plain = c - b;
             let steep = least + slope * b;
             // NaN fails every comparison.
-            *fall = u8::from((left > least) & (right > least) | (plain > steep));
-            *rise = u8::from((left < -least) & (right < -least) | (plain < -steep));
+            let (falls_left, falls_right) = (left > least, right > least);
+            let (rises_left, rises_right) = (left < -least, right < -least);
+            // Between equal slopes a steep one is a plane; at a gap's edge it is a step.
+            let plane = (left.abs() <= least) & (right.abs() <= least);
+            *fall = u8::from(falls_left & falls_right | (plain > steep) & !plane);
+            *rise = u8::from(rises_left & rises_right | (plain < -steep) & !plane);
         }
         (pack(&falls), pack(&rises))
     }
@@ -179,5 +183,55 @@ impl Steps {
         } else if gap_px >= LEVEL_GAP_MIN_PX {
             self.level_gaps.push(ends);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use orime_geometry::nalgebra::Isometry3;
+    use orime_geometry::{CameraModel, RgbdCamera};
+
+    /// Columns with steps in a picture whose rows all have these depths, 0.1 mm.
+    fn step_columns(depth: impl Fn(i32) -> i32) -> Vec<usize> {
+        let (width, height) = (90, 12);
+        let lens = CameraModel {
+            width,
+            height,
+            fx_px: 200.0,
+            fy_px: 200.0,
+            cx_px: 44.5,
+            cy_px: 5.5,
+            distortion: [0.0; 5],
+        };
+        let camera = RgbdCamera {
+            name: "front".into(),
+            color: lens.clone(),
+            depth: lens,
+            color_from_depth: Isometry3::identity(),
+            world_from_color: Isometry3::identity(),
+            depth_m_per_unit: 1e-4,
+        };
+        let params = SegmentParams::default();
+        let mut map = DepthMap::new(&camera, &params);
+        let row: Vec<u16> = (0..width as i32).map(|x| depth(x) as u16).collect();
+        map.load(&row.repeat(height as usize));
+        let mut steps = Steps::new(&map, &params);
+        steps.find(&map, &map.valid);
+        (0..width as usize).filter(|x| steps.edge.get(*x, 6)).collect()
+    }
+
+    #[test]
+    fn a_steep_plane_has_no_step_and_what_ends_it_has() {
+        // 12 mm a pixel at 0.5 to 0.7 m: a tangent of 4.
+        let ramp = |x: i32| 5000 + 120 * (x - 40).clamp(0, 16);
+        let columns = step_columns(ramp);
+        assert!((46..51).all(|x| !columns.contains(&x)), "on the plane: {columns:?}");
+        // A finger that bends away before a sheet 20 mm behind it.
+        let finger = |x: i32| if x < 40 { 5036 - (40 - x).min(6).pow(2) } else { 5236 };
+        assert!((38..43).all(|x| step_columns(finger).contains(&x)));
+        // As steep between two pixels only: a step of 24 mm.
+        let step = |x: i32| if x < 40 { 5000 } else { 5240 };
+        assert_eq!(step_columns(step), [37, 38, 39, 40, 41, 42]);
     }
 }

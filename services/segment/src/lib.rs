@@ -1,8 +1,7 @@
 //! `segment`: RGB-D frames in, observed cloud and contour out. Knows no process, clock or file.
 //!
 //! The pixels' story, per camera (`camera`): the sheet's colours are learnt (`learn`, `cluster`)
-//! into a
-//! table (`color_model`) that classifies pixels (`bits`); the result is opened and closed
+//! into a table (`color_model`) that classifies pixels (`bits`); the result is opened and closed
 //! (`morphology`) and split (`components`); depth pixels whose colour pixel lies in it (`depth`)
 //! are cut at steps (`steps`) into patches, of which those that can be the sheet are chosen
 //! (`select`); they make the mask (`mask`). What is near an occluder (`occluders`) is dropped, the

@@ -250,3 +250,82 @@ fn mean(positions: impl Iterator<Item = [f32; 3]>) -> [f32; 3] {
 fn distance(a: [f32; 3], b: [f32; 3]) -> f32 {
     (0..3).map(|axis| (a[axis] - b[axis]).powi(2)).sum::<f32>().sqrt()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Isometry3, UnitQuaternion};
+
+    fn fusion() -> (Fusion, SheetGrid) {
+        let sheet = SheetGrid::new([0.15, 0.15], [25, 25]);
+        (Fusion::new(&RegisterParams::default(), &sheet, &sheet.flat_m()), sheet)
+    }
+
+    /// Every other node of a sheet that is folded by `fold_rad` about its middle, in some pose.
+    fn folded(sheet: &SheetGrid, fold_rad: f32) -> (Vec<[f32; 3]>, Vec<Feature>) {
+        let turn = UnitQuaternion::from_euler_angles(0.4, -0.3, 2.1);
+        let pose = Isometry3::from_parts(nalgebra::Vector3::new(0.1, -0.2, 0.6).into(), turn);
+        let place = |[x, y, _]: [f32; 3]| {
+            let (sin, cos) = fold_rad.sin_cos();
+            let local = if x > 0.0 { [x * cos, y, x * sin] } else { [x, y, 0.0] };
+            (pose * Point3::from(local)).into()
+        };
+        let truth: Vec<[f32; 3]> = sheet.flat_m().into_iter().map(place).collect();
+        let control = |n: &usize| n / 25 % 2 == 0 && n % 25 % 2 == 0;
+        let feature =
+            |n: usize| Feature { position_m: truth[n], node: n as u32, camera: 0, pixels: 100.0 };
+        let features = (0..sheet.len()).filter(control).map(feature).collect();
+        (truth, features)
+    }
+
+    #[test]
+    fn a_pose_is_found_from_features_alone_flat_or_folded() {
+        for (fold_rad, worst_m) in [(0.0, 1e-4), (1.2, 0.004)] {
+            let (mut fusion, sheet) = fusion();
+            let (truth, mut features) = folded(&sheet, fold_rad);
+            features[7].position_m[2] = f32::NAN;
+            features[9].node = 9999;
+            let report = fusion.fuse(&features, &[], None);
+            assert_eq!((report.rejected, report.used_ratio), (2, 1.0));
+            assert_eq!(fusion.nodes.len(), 167);
+            let pose = fusion.pose().unwrap();
+            let error = |(a, b): (&[f32; 3], &[f32; 3])| distance(*a, *b);
+            let worst = pose.iter().zip(&truth).map(error).fold(0.0, f32::max);
+            assert!(worst < worst_m, "folded by {fold_rad}: {worst} m");
+            assert_eq!(fusion.agreement(&truth), 1.0);
+        }
+        let (mut fusion, sheet) = fusion();
+        let (_, features) = folded(&sheet, 0.0);
+        fusion.fuse(&features[..8], &[], None);
+        assert_eq!(fusion.pose(), None);
+    }
+
+    #[test]
+    fn features_that_fit_no_sheet_give_no_pose() {
+        let (mut fusion, sheet) = fusion();
+        let (_, mut features) = folded(&sheet, 0.0);
+        for (k, feature) in features.iter_mut().enumerate() {
+            feature.position_m[k % 3] += 0.2 * ((k as f32 * 78.233).sin() * 43758.547).fract();
+        }
+        fusion.fuse(&features, &[], None);
+        assert_eq!(fusion.pose(), None);
+    }
+
+    #[test]
+    fn hidden_nodes_move_with_the_seen_ones_near_them() {
+        let (mut fusion, sheet) = fusion();
+        let (state, features) = folded(&sheet, 0.0);
+        let moved = |f: &Feature| {
+            let mut f = *f;
+            f.position_m[0] += 0.003;
+            f
+        };
+        let features: Vec<Feature> = features[..60].iter().map(moved).collect();
+        fusion.fuse(&features, &[], Some(&state));
+        let (mut targets, mut confidence) = (state.clone(), vec![0.0; state.len()]);
+        fusion.carry(&state, 0.05, &mut targets, &mut confidence);
+        // Node (1, 1) has seen nodes all round; the far corner has none near.
+        assert!((targets[26][0] - state[26][0] - 0.003).abs() < 1e-6);
+        assert!(confidence[26] > 0.04 && confidence[624] == 0.0);
+    }
+}

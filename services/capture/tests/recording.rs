@@ -17,7 +17,7 @@ fn sheet() -> SheetGrid {
 
 fn rendered() -> Box<dyn FrameSource> {
     let rendered =
-        RenderedParams { steps: STEPS, size_px: [160, 120], ..RenderedParams::default() };
+        RenderedParams { steps: Some(STEPS), size_px: [160, 120], ..RenderedParams::default() };
     let params = CaptureParams { rendered, ..CaptureParams::default() };
     open(&params.check().unwrap(), &sheet()).unwrap()
 }

@@ -1,5 +1,6 @@
 //! A recording from its first message to its last: one thread per channel, one file.
 
+use std::error::Error;
 use std::fs::{self, File};
 use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
@@ -90,7 +91,7 @@ impl Session {
             }
             Err(error) => {
                 self.abandon();
-                nothing(error.to_string())
+                nothing(with_causes(&error))
             }
         }
     }
@@ -113,7 +114,7 @@ impl Session {
                 shared.take_all(inputs, gathered.frames, &sheet, on_step, &mut report);
                 report.failure = shared.finish();
             }
-            Err(error) => report.failure = Some(error.to_string()),
+            Err(error) => report.failure = Some(with_causes(&error)),
         }
         report.bytes = fs::metadata(&path).map_or(0, |file| file.len());
         report
@@ -230,10 +231,10 @@ impl Shared {
             let message = match next() {
                 Ok(Some(message)) if !is_end(&message) => message,
                 Ok(_) => return,
-                Err(error) => return self.fail(&error.to_string()),
+                Err(error) => return self.fail(&with_causes(&error)),
             };
             if let Err(error) = write(&mut lock(&self.recorder), &message) {
-                return self.fail(&error.to_string());
+                return self.fail(&with_causes(&error));
             }
         }
     }
@@ -247,7 +248,7 @@ impl Shared {
     /// Ends the file; what went wrong, if anything did.
     fn finish(self) -> Option<String> {
         let recorder = self.recorder.into_inner().unwrap_or_else(PoisonError::into_inner);
-        let finished = recorder.finish().err().map(|error| error.to_string());
+        let finished = recorder.finish().err().map(|error| with_causes(&error));
         let failure = self.failure.into_inner().unwrap_or_else(PoisonError::into_inner);
         failure.or(finished)
     }
@@ -269,6 +270,20 @@ fn record_state(recorder: &mut Recorder, state: &SheetState) -> Result<bool, Rec
 
 fn lost(Drops { overflow, superseded, .. }: Drops) -> u64 {
     overflow + superseded
+}
+
+/// The error and its causes, each said once: of a full disk, only the last of them speaks.
+fn with_causes(error: &dyn Error) -> String {
+    let mut message = error.to_string();
+    let mut cause = error.source();
+    while let Some(error) = cause {
+        let text = error.to_string();
+        if !message.contains(&text) {
+            message.push_str(&format!(": {text}"));
+        }
+        cause = error.source();
+    }
+    message
 }
 
 /// The value, even if another thread panicked with it.

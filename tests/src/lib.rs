@@ -87,6 +87,11 @@ const WAIT_MAX: Duration = Duration::from_secs(180);
 impl RunningSet {
     /// Starts `orime up SET` with a registry and an output folder of its own.
     pub fn start(test: &str, set: Option<&str>) -> Self {
+        Self::start_with(test, set, &[])
+    }
+
+    /// As [`RunningSet::start`], with further arguments.
+    pub fn start_with(test: &str, set: Option<&str>, arguments: &[&str]) -> Self {
         let scratch = Scratch::new(test);
         std::fs::create_dir_all(scratch.path("runs")).expect("the scratch folder can be written");
         let file = |name: &str| {
@@ -96,6 +101,7 @@ impl RunningSet {
             .arg("up")
             .args(set)
             .args(["--out", &scratch.path("out")])
+            .args(arguments)
             .env("XDG_RUNTIME_DIR", scratch.path("runs"))
             .current_dir(root())
             .stdin(Stdio::null())

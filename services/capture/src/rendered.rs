@@ -184,6 +184,10 @@ impl FrameSource for RenderedSource {
         true
     }
 
+    fn tells_grippers(&self) -> bool {
+        self.tells_grippers
+    }
+
     fn grippers(&self, step: u64, out: &mut Vec<Gripper>) {
         out.clear();
         if !self.tells_grippers {

@@ -1,10 +1,13 @@
-//! capture as a process: paces the source and publishes its frames and what it knows of the truth.
+//! capture as a process: paces the source and publishes its frames, and what it knows of the truth
+//! and of the grippers.
 
 use std::time::Duration;
 
-use orime_capture::{CaptureParams, FrameError, FrameReport, FrameSource};
+use orime_capture::{CaptureParams, FrameError, FrameReport, FrameSource, Gripper};
 use orime_geometry::{RgbdFrameMut, SheetGrid, SheetParams};
-use orime_messages::{Drops, FrameExtent, FrameStatus, Header, Truth};
+use orime_messages::{
+    Drops, FrameExtent, FrameStatus, GRIPPERS_MAX, GripperMeta, Grippers, Header, Truth,
+};
 use orime_runtime::{
     FramePublisher, FrameWritten, Publisher, Recorder, Service, Stop, Work, channel, now_ns,
 };
@@ -19,6 +22,10 @@ pub struct Capture {
     period_ns: u64,
     frames: FramePublisher,
     truths: Publisher<Truth>,
+    /// Absent where the source tells no grippers: the channel is a robot's then.
+    grippers: Option<Publisher<Grippers>>,
+    /// The grippers of the step at hand.
+    held: Vec<Gripper>,
     recorder: Recorder,
     header: Header,
     drops: Drops,
@@ -31,7 +38,10 @@ impl Capture {
         let sheet = service.config("sheet", SheetParams::check)?;
         let config = service.config("capture", CaptureParams::check)?;
         let source = orime_capture::open(&config, &sheet)?;
+        let tells = source.tells_grippers();
         let capture = Self {
+            grippers: tells.then(|| service.publish(&channel::GRIPPER)).transpose()?,
+            held: Vec::with_capacity(GRIPPERS_MAX),
             frames: service.publish_frames(source.cameras())?,
             truths: service.publish(&channel::TRUTH)?,
             recorder: service.recorder()?,
@@ -60,6 +70,9 @@ impl Capture {
         }
         let last = Header { step, ..self.header };
         self.truths.send_end(&last)?;
+        if let Some(grippers) = &mut self.grippers {
+            grippers.send_end(&last)?;
+        }
         self.frames.send_end(&last)?;
         self.recorder.ended(&last, self.drops)?;
         tracing::info!(steps = step, unreadable = self.drops.rejected, "end of capture");
@@ -93,6 +106,25 @@ impl Capture {
             let nodes_m = &mut truth.positions_m[..sheet.len()];
             let known = source.truth_m(step, sheet, nodes_m);
             truth.n_nodes = if known { sheet.len() as u32 } else { 0 };
+        })?;
+        Ok(sent.is_some() && self.publish_grippers(&lineage)?)
+    }
+
+    /// Publishes which grippers hold the sheet; one message a step, also while none does.
+    fn publish_grippers(&mut self, lineage: &Header) -> anyhow::Result<bool> {
+        let Some(publisher) = &mut self.grippers else { return Ok(true) };
+        self.source.grippers(lineage.step, &mut self.held);
+        let held = &self.held;
+        let sent = publisher.send_with(lineage, |message| {
+            message.n_grippers = held.len().min(GRIPPERS_MAX) as u32;
+            for (meta, gripper) in message.grippers.iter_mut().zip(held) {
+                *meta = GripperMeta {
+                    world_from_gripper: (&gripper.world_from_gripper).into(),
+                    grasped_uv_m: gripper.uv_m,
+                    is_holding: 1,
+                    reserved: 0,
+                };
+            }
         })?;
         Ok(sent.is_some())
     }

@@ -44,6 +44,11 @@ pub trait FrameSource: Send {
     /// `sheet`, at the exposure of camera 0; `false` where the source does not know.
     fn truth_m(&self, step: u64, sheet: &SheetGrid, nodes_m: &mut [[f32; 3]]) -> bool;
 
+    /// Whether [`Self::grippers`] says anything, at any step. Default: it does not.
+    fn tells_grippers(&self) -> bool {
+        false
+    }
+
     /// Writes what a robot knows of the grippers that hold the sheet at `step`: where they are
     /// and which material points they hold, at camera 0's exposure. Nothing by default.
     fn grippers(&self, step: u64, out: &mut Vec<Gripper>) {

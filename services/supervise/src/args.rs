@@ -13,12 +13,16 @@ use clap::{Args, Parser, Subcommand};
 Examples:
   orime up                            the embedded default: a rendered sheet is folded
   orime up tests/sets/paper_desk.toml --out out/desk
+  orime up --record fold.mcap         the same, and everything that is published is recorded
   orime check my_set.toml             every problem of a set file, nothing is started
   orime ps --json                     what runs
   orime down 1a2b3c4d                 stop that run
 
 Exit status: 0 good, 1 the set failed, 2 wrong usage or set file, 3 the machine refuses,
-130 ended at once by a second Ctrl-C."
+5 the set's recording is damaged and `capture.recording.damaged = true` does not allow that (or
+nothing of it is left), 130 ended at once by a second Ctrl-C.
+A fault of --record never changes the exit status: the set goes on without its recorder, and the
+summary says that the recording is incomplete, and why."
 )]
 pub struct Cli {
     /// What to do.
@@ -41,6 +45,8 @@ pub enum Command {
         /// The run, as `orime ps` shows it.
         run: Option<String>,
     },
+    /// Record a running set in realtime, from now on.
+    Record(Record),
     /// Show every problem of a set file.
     Check {
         /// The set file.
@@ -56,6 +62,14 @@ pub struct Up {
     /// Where logs, states' figures and pictures are written. Default: out/NAME.
     #[arg(long)]
     pub out: Option<PathBuf>,
+    /// Record frames, clouds, states and truth into this MCAP file, which must not exist yet.
+    ///
+    /// In lockstep everything is recorded, and the set waits for the disk; in realtime the set
+    /// does not wait, and what the recorder missed is counted and said. A full disk ends the
+    /// recording, not the set: exit status 0, and the summary says that the recording is
+    /// incomplete and why. Play it with `source = "recording"` in the `[capture]` of a set.
+    #[arg(long, value_name = "FILE")]
+    pub record: Option<PathBuf>,
     /// Do not start the judge: no error figures, no pictures.
     #[arg(long)]
     pub no_judge: bool,
@@ -65,4 +79,26 @@ pub struct Up {
     /// Seconds without progress after which the set counts as hung.
     #[arg(long, default_value_t = 60.0)]
     pub stall_s: f64,
+}
+
+/// `orime record`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Attaches to a set in realtime: its stages never wait for a listener, so that recording does not
+disturb it; messages that come faster than they are written are missed, counted and said, and the
+exit status is 0 all the same. A set in lockstep waits for all who listen, and would slow down or
+hang with a recorder that is slow or suspended. So it is refused (exit status 2): start it with
+`orime up SET --record FILE`, it repeats bit for bit. A set has one recorder at a time.
+
+Exit status: 0 recorded, 2 wrong usage, no such run or a run in lockstep, 3 the file cannot be
+written or the run cannot be attached to.")]
+pub struct Record {
+    /// The run, as `orime ps` shows it; the only one if left out.
+    pub run: Option<String>,
+    /// The MCAP file to write; it must not exist yet.
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Seconds to record; until the set ends, or Ctrl-C, if left out.
+    #[arg(long)]
+    pub seconds: Option<f64>,
 }

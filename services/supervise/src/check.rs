@@ -15,6 +15,7 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 
 use crate::exit::{Exit, Failure};
+use crate::open::open;
 use crate::places::{Place, is_within, nearest, places};
 use crate::problem::PlacedProblem;
 
@@ -72,7 +73,12 @@ pub fn check(path: &Path, text: &str) -> Result<CheckedSet, Vec<PlacedProblem>> 
                 file.text = text.to_owned();
                 return Ok(CheckedSet { file, cameras, steps });
             }
-            Err(message) => check.report("capture.folder.layout", message),
+            Err(fault) => {
+                check.report(fault.key, fault.message);
+                if let Some(problem) = check.problems.last_mut() {
+                    problem.is_damage = fault.is_damage;
+                }
+            }
         }
     }
     check.problems.sort_by_key(|problem| (problem.line, problem.column));
@@ -96,31 +102,13 @@ pub fn command(path: &Path, json: bool) -> Result<Exit, Failure> {
     };
     // Whoever reads only the head of it has closed the pipe: that is no failure.
     let _ = writeln!(std::io::stdout(), "{text}");
-    Ok(if problems.is_empty() { Exit::Good } else { Exit::Usage })
+    Ok(if problems.is_empty() { Exit::Good } else { exit_of(&problems) })
 }
 
-/// Opens the source, so that a missing recording shows before anything starts.
-fn open(set: &SetFile) -> Result<(Vec<RgbdCamera>, Option<u64>), String> {
-    let sheet = set.checked("sheet", SheetParams::check).map_err(|error| error.to_string())?;
-    let config = set.checked("capture", CaptureParams::check).map_err(|error| error.to_string())?;
-    let source = orime_capture::open(&config, &sheet).map_err(|error| {
-        let mut message = error.to_string();
-        let mut cause = std::error::Error::source(&error);
-        while let Some(error) = cause {
-            let text = error.to_string();
-            if !message.contains(&text) {
-                message.push_str(&format!(": {text}"));
-            }
-            cause = error.source();
-        }
-        message
-    })?;
-    let cameras = source.cameras();
-    if cameras.is_empty() || cameras.len() > orime_messages::CAMERAS_MAX {
-        let most = orime_messages::CAMERAS_MAX;
-        return Err(format!("the source has {} cameras: 1 to {most} are possible", cameras.len()));
-    }
-    Ok((cameras.to_vec(), source.steps()))
+/// How a command ends that met these problems.
+pub fn exit_of(problems: &[PlacedProblem]) -> Exit {
+    let damage_only = problems.iter().all(|problem| problem.is_damage);
+    if damage_only { Exit::Damaged } else { Exit::Usage }
 }
 
 struct Check<'t> {

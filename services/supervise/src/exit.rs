@@ -13,6 +13,8 @@ pub enum Exit {
     Usage = 2,
     /// The machine refuses: shared memory, directories, programs that are not there.
     Machine = 3,
+    /// The set's recording is damaged, and the set does not say that this is accepted.
+    Damaged = 5,
     /// Ended at once, as asked by a second Ctrl-C.
     Interrupted = 130,
 }

@@ -1,12 +1,16 @@
 //! `orime`: starts, watches and stops sets of services. What a run is made of is in `up.rs`.
 
 mod args;
+mod asked;
 mod check;
 mod exit;
+mod open;
 mod places;
 mod problem;
 mod process;
 mod progress;
+mod record;
+mod recording;
 mod runs;
 mod summary;
 mod up;
@@ -28,6 +32,7 @@ fn main() -> ExitCode {
         Command::Up(args) => up::up(args, cli.json),
         Command::Ps => runs::ps(cli.json),
         Command::Down { run } => runs::down(run.as_deref(), cli.json),
+        Command::Record(args) => record::record(args, cli.json),
         Command::Check { set } => check::command(set, cli.json),
     };
     let exit = result.unwrap_or_else(|Failure { exit, message }| {

@@ -19,6 +19,8 @@ pub struct PlacedProblem {
     pub key: String,
     /// What is wrong and what would be right.
     pub message: String,
+    /// Whether nothing is wrong with the file but that its recording is damaged.
+    pub is_damage: bool,
     /// The line, and a mark under the place.
     #[serde(skip)]
     excerpt: String,
@@ -42,7 +44,8 @@ impl PlacedProblem {
             " ".repeat(column - 1),
             "^".repeat(marked)
         );
-        Self { path: path.to_owned(), line: number, column, key, message, excerpt }
+        let path = path.to_owned();
+        Self { path, line: number, column, key, message, is_damage: false, excerpt }
     }
 }
 

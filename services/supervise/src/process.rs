@@ -44,6 +44,8 @@ pub struct Launch<'a> {
     pub out: &'a Path,
     /// Cameras of the set.
     pub cameras: usize,
+    /// What the recorder writes, if there is one.
+    pub record: Option<&'a Path>,
 }
 
 impl Launch<'_> {
@@ -58,6 +60,9 @@ impl Launch<'_> {
             command.arg("watch").arg(self.set).arg("--out").arg(self.out);
         } else {
             command.arg(self.set);
+        }
+        if let (Stage::Record, Some(file)) = (stage, self.record) {
+            command.arg("--file").arg(file);
         }
         let mut child = command
             // A log ends in what went wrong, not in where this program noticed.

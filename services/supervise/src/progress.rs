@@ -84,15 +84,19 @@ impl Progress {
         }
     }
 
-    /// The process that holds the others up: the most downstream one that has not given what its
-    /// predecessor gave it; capture if none has anything to do.
-    pub fn holdup(&self, judge: bool) -> Stage {
+    /// The process that holds the others up: the recorder or the judge if they are behind, else
+    /// the most downstream one that has not given what its predecessor gave it; capture if none
+    /// has anything to do. `recorded`: the newest step of a recorder, if there is one.
+    pub fn holdup(&self, judge: bool, recorded: Option<Option<u64>>) -> Stage {
         let step = |stage| {
             let figures = self.figures.stage(stage)?;
             // A frame set is no result before its last frame.
             let is_whole = stage != Stage::Capture || figures.messages % self.cameras == 0;
             if is_whole { figures.step } else { figures.step?.checked_sub(1) }
         };
+        if recorded.is_some_and(|recorded| step(Stage::Capture) > recorded) {
+            return Stage::Record;
+        }
         if judge && step(Stage::Simulate) > self.judge_step {
             return Stage::Judge;
         }

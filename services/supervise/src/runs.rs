@@ -43,17 +43,20 @@ pub fn ps(json: bool) -> Result<Exit, Failure> {
     Ok(Exit::Good)
 }
 
+/// The run that is meant: the one named, or the only one.
+pub fn find(run: Option<&str>) -> Result<RunEntry, Failure> {
+    let mut entries = living()?;
+    entries.retain(|entry| run.is_none_or(|run| entry.run == run));
+    match (entries.pop(), entries.is_empty()) {
+        (Some(entry), true) => Ok(entry),
+        (None, _) => Err(Failure::usage("no such run: `orime ps` shows what runs")),
+        _ => Err(Failure::usage("several sets run: name one, as `orime ps` shows it")),
+    }
+}
+
 /// Stops a run, or the only one, and waits until it is gone.
 pub fn down(run: Option<&str>, json: bool) -> Result<Exit, Failure> {
-    let mut entries = living()?;
-    if let Some(run) = run {
-        entries.retain(|entry| entry.run == run);
-    }
-    let entry = match entries.as_slice() {
-        [entry] => entry,
-        [] => return Err(Failure::usage("no such run: `orime ps` shows what runs")),
-        _ => return Err(Failure::usage("several sets run: name one, as `orime ps` shows it")),
-    };
+    let entry = &find(run)?;
     for (signal, patience) in [(Signal::TERM, STOP), (Signal::TERM, STOP_AT_ONCE)] {
         send(entry, signal)?;
         let deadline = Instant::now() + patience;

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use orime_probe::Report;
+use orime_record::Report as Recorded;
 use serde::Serialize;
 use serde_json::Value;
 
@@ -38,12 +39,48 @@ pub struct Summary {
     pub shared_memory_left: usize,
     /// The judge's own summary.
     pub judge: Option<Value>,
+    /// The recording, if there is one.
+    pub recording: Option<RecordingSummary>,
     /// Latencies per hop.
     pub report: Report,
     /// Where everything was written.
     pub out: PathBuf,
     /// What was written there.
     pub written: Vec<PathBuf>,
+}
+
+/// How a recording went.
+#[derive(Debug, Serialize)]
+pub struct RecordingSummary {
+    /// Whether all that was published is in the file.
+    pub complete: bool,
+    /// Why not, if not.
+    pub incomplete_because: Option<String>,
+    /// What the recorder said.
+    #[serde(flatten)]
+    pub report: Recorded,
+}
+
+impl RecordingSummary {
+    /// The summary of a recording that has ended.
+    pub fn of(report: Recorded) -> Self {
+        let incomplete_because = report.incomplete();
+        Self { complete: incomplete_because.is_none(), incomplete_because, report }
+    }
+
+    /// For a person.
+    pub fn text(&self) -> String {
+        let Recorded { file, bytes, recorded, frames_unreadable, .. } = &self.report;
+        let (file, mb) = (file.display(), *bytes as f64 * 1e-6);
+        let mut text = format!("{file}: {recorded}, {mb:.1} MB");
+        if *frames_unreadable > 0 {
+            text.push_str(&format!(", {frames_unreadable} unreadable frames left out"));
+        }
+        match &self.incomplete_because {
+            Some(why) => format!("INCOMPLETE, {why}\n                 {text}"),
+            None => text,
+        }
+    }
 }
 
 /// Name of the judge's summary in the output folder.
@@ -97,6 +134,9 @@ impl Summary {
                 let head = if k == 0 { "  judge          " } else { "                 " };
                 println!("{head}{}", line.join(", "));
             }
+        }
+        if let Some(recording) = &self.recording {
+            println!("  recording      {}", recording.text());
         }
         println!("  shared memory  removed, {} objects were left", self.shared_memory_left);
         println!("  written        {}", self.out.display());

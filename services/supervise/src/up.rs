@@ -10,10 +10,12 @@ use orime_runtime::{
 };
 
 use crate::args::Up;
-use crate::check::{CheckedSet, check};
+use crate::asked::Asked;
+use crate::check::{CheckedSet, check, exit_of};
 use crate::exit::{Exit, Failure};
 use crate::progress::Progress;
-use crate::summary::{JUDGE_SUMMARY_NAME, Summary, judge_summary, written};
+use crate::recording::Recording;
+use crate::summary::{JUDGE_SUMMARY_NAME, RecordingSummary, Summary, judge_summary, written};
 use crate::watch::{Ending, Watch};
 
 /// Name under which the embedded set is written beside what it gave.
@@ -24,15 +26,23 @@ const SUMMARY_NAME: &str = "run.json";
 
 /// Runs a set to its end.
 pub fn up(args: &Up, json: bool) -> Result<Exit, Failure> {
+    let asked =
+        Asked::listen().map_err(|error| Failure::machine(format!("handling signals: {error}")))?;
     clear_dead_runs()?;
     let (set, out) = prepare(args)?;
+    let record = args.record.as_deref().map(new_file).transpose()?;
     check_memory(&set)?;
     let run = RunId::new();
     let entry = register(&set, run, &out)?;
     if !json {
         println!("run {run}: set {}, writing to {}", set.file.name, out.display());
     }
-    let ended = watch(args, json, &set, &entry, run, &out);
+    let ended = match begin(args, json, &set, run, record) {
+        Ok(mut watch) => {
+            watch.run(&set, &entry, run, &out, !args.no_judge, &asked).map(|ending| (watch, ending))
+        }
+        Err(failure) => Err(failure),
+    };
     let left = shared_memory_of(run).map_or(0, |left| left.len());
     let cleaned = clean(run).and_then(|_| shared_memory_of(run));
     let unregistered = entry.unregister();
@@ -42,8 +52,12 @@ pub fn up(args: &Up, json: bool) -> Result<Exit, Failure> {
         Err(error) => return Err(Failure::machine(format!("removing shared memory: {error}"))),
     }
     unregistered.map_err(|error| Failure::machine(format!("clearing the registry: {error}")))?;
-    let (progress, ending) = ended?;
-    let summary = summarise(&set, run, &out, &progress, &ending, left);
+    let (mut watch, ending) = ended?;
+    watch.progress.close();
+    let summary = Summary {
+        recording: watch.recording.map(|recording| RecordingSummary::of(recording.close())),
+        ..summarise(&set, run, &out, &watch.progress, &ending, left)
+    };
     write_summary(&summary, &out, json)?;
     Ok(match ending {
         Ending::Finished | Ending::Stopped => Exit::Good,
@@ -68,11 +82,9 @@ fn prepare(args: &Up) -> Result<(CheckedSet, PathBuf), Failure> {
     };
     let mut set = check(&path, &text).map_err(|problems| {
         let list: Vec<String> = problems.iter().map(ToString::to_string).collect();
-        Failure::usage(format!(
-            "{}\n{} problem(s), nothing was started",
-            list.join("\n"),
-            list.len()
-        ))
+        let message =
+            format!("{}\n{} problem(s), nothing was started", list.join("\n"), list.len());
+        Failure { exit: exit_of(&problems), message }
     })?;
     let out = args.out.clone().unwrap_or_else(|| Path::new("out").join(&set.file.name));
     let cannot = |error| Failure::machine(format!("writing to `{}`: {error}", out.display()));
@@ -149,6 +161,7 @@ fn register(set: &CheckedSet, run: RunId, out: &Path) -> Result<RunEntry, Failur
         set: set.file.path.clone(),
         out: out.to_owned(),
         pace: set.file.pace,
+        cameras: set.cameras.len(),
         stages: Vec::new(),
     };
     make_private_dir(&run.ipc_dir()).map_err(failed)?;
@@ -156,28 +169,41 @@ fn register(set: &CheckedSet, run: RunId, out: &Path) -> Result<RunEntry, Failur
     Ok(entry)
 }
 
-/// Starts and watches the set; when this returns, none of its processes is left.
-fn watch(
+/// What is needed to watch a set, before any of its processes is there.
+fn begin(
     args: &Up,
     json: bool,
     set: &CheckedSet,
-    entry: &RunEntry,
     run: RunId,
-    out: &Path,
-) -> Result<(Progress, Ending), Failure> {
+    record: Option<PathBuf>,
+) -> Result<Watch, Failure> {
     let guest = Guest::attach(run, set.file.pace, true, Stop::new())
         .map_err(|error| Failure::machine(error.to_string()))?;
     let seconds = |s: f64| Duration::from_secs_f64(s.clamp(0.1, 86_400.0));
-    let mut watch = Watch {
+    Ok(Watch {
         progress: Progress::new(set.steps, set.cameras.len()),
         guest,
+        recording: record.map(Recording::new),
         ready: seconds(args.ready_s),
         stall: seconds(args.stall_s),
         quiet: json,
-    };
-    let ending = watch.run(set, entry, run, out, !args.no_judge)?;
-    watch.progress.close();
-    Ok((watch.progress, ending))
+    })
+}
+
+/// The whole path of a file that can be made, and is not there yet.
+pub fn new_file(path: &Path) -> Result<PathBuf, Failure> {
+    let wrong = |why: &str| Failure::usage(format!("recording `{}`: {why}", path.display()));
+    let name = path.file_name().ok_or_else(|| wrong("name a file"))?;
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    let folder = folder
+        .unwrap_or(Path::new("."))
+        .canonicalize()
+        .map_err(|error| wrong(&format!("its folder: {error}")))?;
+    let file = folder.join(name);
+    if file.symlink_metadata().is_ok() {
+        return Err(wrong("it is there already; name a file that is not"));
+    }
+    Ok(file)
 }
 
 fn summarise(
@@ -210,6 +236,7 @@ fn summarise(
         drops_total: figures.drops_total(),
         shared_memory_left: left,
         judge: judge_summary(out),
+        recording: None,
         report: figures.report(now_ns()),
         out: out.to_owned(),
         written: written(out, SUMMARY_NAME),

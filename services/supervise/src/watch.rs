@@ -2,23 +2,23 @@
 
 use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
 use orime_messages::Stage;
 use orime_runtime::{Guest, READY, RunEntry, RunId, now_ns};
 use rustix::process::Signal;
-use signal_hook::consts::{SIGBUS, SIGHUP, SIGINT, SIGTERM};
+use signal_hook::consts::SIGBUS;
 
+use crate::asked::Asked;
 use crate::check::CheckedSet;
 use crate::exit::Failure;
 use crate::process::{Launch, Process, Said};
 use crate::progress::Progress;
+use crate::recording::Recording;
 
 /// Time between two looks at everything.
-const TICK: Duration = Duration::from_millis(40);
+pub const TICK: Duration = Duration::from_millis(40);
 /// Time that the end of the stream may take through the whole set after a stop.
 const DRAIN: Duration = Duration::from_secs(10);
 /// Time from SIGTERM to SIGKILL.
@@ -26,6 +26,8 @@ const TERMINATE: Duration = Duration::from_secs(2);
 /// Time that the others may take once one process has ended in order, the judge's pictures
 /// included.
 const FINISH: Duration = Duration::from_secs(120);
+/// Time that the last words of processes that have ended may take.
+const LAST_WORDS: Duration = Duration::from_secs(1);
 
 /// How a set ended.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -47,32 +49,14 @@ pub struct Watch {
     pub progress: Progress,
     /// Its records.
     pub guest: Guest,
+    /// What is recorded of it.
+    pub recording: Option<Recording>,
     /// Time that a process may take to get ready.
     pub ready: Duration,
     /// Time without progress after which the set counts as hung.
     pub stall: Duration,
     /// No live line.
     pub quiet: bool,
-}
-
-/// Signals that were sent to the supervisor.
-struct Asked {
-    stop: Arc<AtomicBool>,
-}
-
-impl Asked {
-    fn listen() -> std::io::Result<Self> {
-        let stop = Arc::new(AtomicBool::new(false));
-        for signal in [SIGINT, SIGTERM, SIGHUP] {
-            signal_hook::flag::register(signal, Arc::clone(&stop))?;
-        }
-        Ok(Self { stop })
-    }
-
-    /// Whether somebody asked since the last look.
-    fn again(&self) -> bool {
-        self.stop.swap(false, Ordering::Relaxed)
-    }
 }
 
 impl Watch {
@@ -84,18 +68,24 @@ impl Watch {
         run: RunId,
         out: &Path,
         judge: bool,
+        asked: &Asked,
     ) -> Result<Ending, Failure> {
-        let asked = Asked::listen()
-            .map_err(|error| Failure::machine(format!("handling signals: {error}")))?;
-        let launch = Launch { run, set: &set.file.path, out, cameras: set.cameras.len() };
+        if asked.again() {
+            return Ok(Ending::Stopped);
+        }
+        let record = self.recording.as_ref().map(|recording| recording.file.clone());
+        let (cameras, record) = (set.cameras.len(), record.as_deref());
+        let launch = Launch { run, set: &set.file.path, out, cameras, record };
         let (said_by, said) = channel();
         let mut processes = Vec::new();
-        let judge = judge.then_some(Stage::Judge);
+        let listeners = [judge.then_some(Stage::Judge), record.map(|_| Stage::Record)];
         let consumers = [Stage::Simulate, Stage::Register, Stage::Segment];
-        for stage in judge.into_iter().chain(consumers) {
+        for stage in listeners.into_iter().flatten().chain(consumers) {
             processes.push(launch.start(stage, &said_by)?);
         }
-        if let Some(ending) = self.await_ready(&mut processes, &said, &asked) {
+        if let Some(ending) = self.await_ready(&mut processes, &said, asked) {
+            drop(said_by);
+            self.end(&mut processes, &said);
             return Ok(ending);
         }
         processes.push(launch.start(Stage::Capture, &said_by)?);
@@ -104,8 +94,9 @@ impl Watch {
             .register()
             .map_err(|error| Failure::machine(format!("registering the run: {error}")))?;
         self.progress.moved_ns = now_ns();
-        let ending = self.follow(&mut processes, &said, &asked);
-        end(&mut processes);
+        drop(said_by);
+        let ending = self.follow(&mut processes, &said, asked);
+        self.end(&mut processes, &said);
         // The last records are in shared memory of processes that have ended: still readable.
         self.read();
         Ok(ending)
@@ -129,7 +120,7 @@ impl Watch {
             if asked.again() {
                 return Some(Ending::Stopped);
             }
-            if let Some(k) = first_ended(processes, None) {
+            if let Some(k) = first_ended(processes, &[]) {
                 return Some(failed(&mut processes[k], "ended before it was ready"));
             }
             if Instant::now() > deadline {
@@ -152,8 +143,9 @@ impl Watch {
         loop {
             std::thread::sleep(TICK);
             self.read();
-            for said in said.try_iter().filter(|said| said.stage == Stage::Judge) {
-                self.progress.judge_said(&said.line);
+            said.try_iter().for_each(|said| self.hear(&said));
+            if let Some(recording) = &mut self.recording {
+                recording.look(processes, &self.guest);
             }
             if !self.quiet {
                 self.progress.show();
@@ -172,16 +164,39 @@ impl Watch {
                 Look::SomeEnded => _ = finishing.get_or_insert_with(Instant::now),
                 Look::AllRun => {}
             }
-            if stopping.is_some_and(|since| since.elapsed() > DRAIN) {
-                return self.hung(processes, "did not end when it was asked to");
-            }
-            if finishing.is_some_and(|since| since.elapsed() > FINISH) {
-                return self.hung(processes, "did not end when its input had ended");
-            }
             let still_ns = now_ns().saturating_sub(self.progress.moved_ns);
-            if finishing.is_none() && u128::from(still_ns) > self.stall.as_nanos() {
-                return self.hung(processes, "made no progress (--stall-s)");
+            let hangs = if stopping.is_some_and(|since| since.elapsed() > DRAIN) {
+                "did not end when it was asked to"
+            } else if finishing.is_some_and(|since| since.elapsed() > FINISH) {
+                "did not end when its input had ended"
+            } else if finishing.is_none() && u128::from(still_ns) > self.stall.as_nanos() {
+                "made no progress (--stall-s)"
+            } else {
+                continue;
+            };
+            if let Some(ending) = self.hung(processes, hangs) {
+                return ending;
             }
+            // It was the recorder: the others get the time that they had.
+            self.progress.moved_ns = now_ns();
+            stopping = stopping.map(|_| Instant::now());
+            finishing = finishing.map(|_| Instant::now());
+        }
+    }
+
+    /// Ends what still runs, and hears what it says last.
+    fn end(&mut self, processes: &mut Vec<Process>, said: &Receiver<Said>) {
+        end(processes);
+        while let Ok(said) = said.recv_timeout(LAST_WORDS) {
+            self.hear(&said);
+        }
+    }
+
+    fn hear(&mut self, Said { stage, line }: &Said) {
+        match (stage, &mut self.recording) {
+            (Stage::Judge, _) => self.progress.judge_said(line),
+            (Stage::Record, Some(recording)) => recording.said(line),
+            _ => {}
         }
     }
 
@@ -192,17 +207,24 @@ impl Watch {
         }
     }
 
-    /// Names the process that holds the others up.
-    fn hung(&self, processes: &mut [Process], what: &str) -> Ending {
-        let judge = processes.iter().any(|process| process.stage == Stage::Judge);
-        let holdup = self.progress.holdup(judge);
+    /// Names the process that holds the others up; `None` if it was the recorder, which is ended
+    /// then.
+    fn hung(&mut self, processes: &mut [Process], what: &str) -> Option<Ending> {
         let runs = |process: &mut Process| process.poll().is_none();
-        let culprit = processes.iter().position(|process| process.stage == holdup);
-        let culprit = culprit.filter(|k| runs(&mut processes[*k]));
-        let culprit = culprit.or_else(|| processes.iter_mut().position(runs));
-        match culprit {
-            Some(k) => failed(&mut processes[k], what),
-            None => Ending::Failed(format!("the set {what}")),
+        let running: Vec<Stage> =
+            processes.iter_mut().filter_map(|p| runs(p).then_some(p.stage)).collect();
+        let judge = processes.iter().any(|process| process.stage == Stage::Judge);
+        let recorded = self.recording.as_ref().filter(|_| running.contains(&Stage::Record));
+        let holdup = self.progress.holdup(judge, recorded.map(|recording| recording.step));
+        let culprit = if running.contains(&holdup) { Some(&holdup) } else { running.first() };
+        let culprit = processes.iter().position(|process| Some(&process.stage) == culprit);
+        match (culprit.map(|k| &mut processes[k]), &mut self.recording) {
+            (None, _) => Some(Ending::Failed(format!("the set {what}"))),
+            (Some(process), Some(recording)) if process.stage == Stage::Record => {
+                recording.give_up(processes, &self.guest, what);
+                None
+            }
+            (Some(process), _) => Some(failed(process, what)),
         }
     }
 }
@@ -216,11 +238,13 @@ enum Look {
 }
 
 fn look(processes: &mut [Process]) -> Look {
-    let mut running = 0;
+    let (mut running, mut ended) = (0, 0);
     for process in processes.iter_mut() {
         match process.poll() {
             None => running += 1,
-            Some(status) if status.success() => {}
+            // However a recorder ends, that is no concern of the set's.
+            Some(_) if process.stage == Stage::Record => {}
+            Some(status) if status.success() => ended += 1,
             Some(status) => {
                 let hint = match status.signal() {
                     Some(SIGBUS) => " (is /dev/shm full? `df -h /dev/shm`)",
@@ -232,24 +256,24 @@ fn look(processes: &mut [Process]) -> Look {
         }
     }
     // A stage ends in order only when the stream has: capture is the first to know.
-    let capture = Some(Stage::Capture);
-    let capture_runs = processes.iter_mut().any(|p| Some(p.stage) == capture && p.poll().is_none());
-    if capture_runs && let Some(k) = first_ended(processes, capture) {
+    let capture_runs =
+        processes.iter_mut().any(|p| p.stage == Stage::Capture && p.poll().is_none());
+    if capture_runs && let Some(k) = first_ended(processes, &[Stage::Capture, Stage::Record]) {
         let early = failed(&mut processes[k], "ended although its input goes on");
         return Look::Failed(early);
     }
-    match running {
-        0 => Look::AllEnded,
-        n if n < processes.len() => Look::SomeEnded,
-        _ => Look::AllRun,
+    match (running, ended) {
+        (0, _) => Look::AllEnded,
+        (_, 0) => Look::AllRun,
+        _ => Look::SomeEnded,
     }
 }
 
 /// The first process that has ended, not looking at `but`.
-fn first_ended(processes: &mut [Process], but: Option<Stage>) -> Option<usize> {
+fn first_ended(processes: &mut [Process], but: &[Stage]) -> Option<usize> {
     (0..processes.len()).find(|k| {
         let process = &mut processes[*k];
-        Some(process.stage) != but && process.poll().is_some()
+        !but.contains(&process.stage) && process.poll().is_some()
     })
 }
 

@@ -18,6 +18,8 @@ pub enum Stage {
     Simulate = 3,
     /// Scores the set from outside the loop.
     Judge = 4,
+    /// Records the set from outside the loop.
+    Record = 5,
 }
 
 impl Stage {
@@ -33,12 +35,14 @@ impl Stage {
             Stage::Register => "register",
             Stage::Simulate => "simulate",
             Stage::Judge => "judge",
+            Stage::Record => "record",
         }
     }
 
     /// The stage with this number, if any.
     pub fn from_number(number: u32) -> Option<Self> {
-        Self::PIPELINE.into_iter().chain([Stage::Judge]).find(|stage| *stage as u32 == number)
+        let outside = [Stage::Judge, Stage::Record];
+        Self::PIPELINE.into_iter().chain(outside).find(|stage| *stage as u32 == number)
     }
 }
 

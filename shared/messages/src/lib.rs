@@ -5,6 +5,7 @@
 
 mod cloud;
 mod frame;
+mod gripper;
 mod header;
 pub mod layout;
 mod record;
@@ -17,6 +18,7 @@ pub use frame::{
     CAMERA_NAME_MAX, CAMERAS_MAX, CameraMeta, FRAME_ALIGNMENT, FrameExtent, FrameMeta, FrameStatus,
     LensMeta, PoseMeta,
 };
+pub use gripper::{GRIPPERS_MAX, GripperMeta, Grippers};
 pub use header::{ClockDomain, FLAG_END, Header, Stage};
 pub use record::{Drops, RecordKind, StageRecord, WHOLE_SET};
 pub use sheet::{RegisterFigures, SheetState, Targets, Truth};
@@ -108,6 +110,7 @@ mod tests {
             Targets::TYPE_NAME,
             SheetState::TYPE_NAME,
             Truth::TYPE_NAME,
+            Grippers::TYPE_NAME,
             StageRecord::TYPE_NAME,
         ];
         for (k, name) in names.iter().enumerate() {

@@ -2,7 +2,7 @@
 
 use std::marker::PhantomData;
 
-use orime_messages::{FrameMeta, ObservedCloud, SheetState, StageRecord, Targets, Truth};
+use orime_messages::{FrameMeta, Grippers, ObservedCloud, SheetState, StageRecord, Targets, Truth};
 use serde::{Deserialize, Serialize};
 
 /// How a set treats time; the `pace` of a set file.
@@ -75,22 +75,24 @@ const fn channel<M>(name: &'static str, lockstep: Qos, realtime: Qos) -> Channel
     }
 }
 
-/// capture → segment. In lockstep one set is in work while the next is written.
-pub const FRAME: Channel<FrameMeta> = Channel {
-    per_camera: true,
-    subscribers_max: 2,
-    ..channel("orime/frame", lossless(2), newest_wins(1, 3))
-};
-/// segment → register, judge.
+/// capture → segment, judge, one recorder. In lockstep one set is in work while the next is
+/// written.
+pub const FRAME: Channel<FrameMeta> =
+    Channel { per_camera: true, ..channel("orime/frame", lossless(2), newest_wins(1, 3)) };
+/// segment → register, judge, recorder.
 pub const CLOUD: Channel<ObservedCloud> = channel("orime/cloud", lossless(2), newest_wins(2, 3));
 /// register → simulate.
 pub const TARGETS: Channel<Targets> = channel("orime/targets", lossless(2), newest_wins(2, 3));
-/// simulate → register, judge, robot, viewer.
+/// simulate → register, judge, recorder, robot, viewer.
 pub const STATE: Channel<SheetState> =
     Channel { subscribers_max: 6, ..channel("orime/state", lossless(4), newest_wins(2, 4)) };
-/// capture → judge. Capture runs ahead of the states by all that is on its way, so this holds
+/// capture → judge, recorder. Capture runs ahead of the states by all that is on its way, so this holds
 /// more than the other channels together.
 pub const TRUTH: Channel<Truth> = channel("orime/truth", lossless(16), newest_wins(16, 16));
+/// capture → whoever wants to know where the sheet is held; nobody yet. Capture opens it only for
+/// sources that tell their grippers, and then sends one message a step, so that a robot can
+/// publish here beside live cameras.
+pub const GRIPPER: Channel<Grippers> = channel("orime/gripper", lossless(16), newest_wins(4, 4));
 /// Every stage → supervisor, probes. Never holds a stage up, at any pace.
 pub const RECORD: Channel<StageRecord> = Channel {
     publishers_max: 8,

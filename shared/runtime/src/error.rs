@@ -44,6 +44,15 @@ pub enum RuntimeError {
         /// The run.
         run: crate::RunId,
     },
+    /// The run's stages wait for all who listen.
+    #[error(
+        "run {run} is in lockstep: its stages wait for all who listen, so that a guest could slow \
+         it down or hang it; start it again with `orime up SET --record FILE`"
+    )]
+    Waits {
+        /// The run.
+        run: crate::RunId,
+    },
     /// Not enough shared memory.
     #[error("reserving shared memory in /dev/shm: free some, or give the machine more of it")]
     Memory(#[source] io::Error),

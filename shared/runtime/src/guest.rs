@@ -1,16 +1,17 @@
 //! Looking at a running set from outside: attaches, never makes anything, leaves no trace.
 
-use orime_messages::{Stage, StageRecord};
+use orime_messages::{Message, Stage, StageRecord};
 
-use crate::channel::{self, Pace};
+use crate::channel::{self, Channel, Pace};
 use crate::error::RuntimeError;
 use crate::link::{Identity, Link, Mode};
 use crate::now_ns;
+use crate::registry::RunEntry;
 use crate::run::RunId;
 use crate::stop::Stop;
-use crate::subscribe::Subscription;
+use crate::subscribe::{FrameSubscription, Subscription};
 
-/// A process that reads a run's records.
+/// A process that reads a run's records, and more of it where the pace allows.
 #[derive(Debug)]
 pub struct Guest {
     /// The records of all stages, from now on.
@@ -21,16 +22,62 @@ pub struct Guest {
 impl Guest {
     /// Attaches to a run, as the supervisor before anyone else (`first`) or at any time later.
     pub fn attach(run: RunId, pace: Pace, first: bool, stop: Stop) -> Result<Self, RuntimeError> {
+        Self::join(run, pace, 1, first, stop)
+    }
+
+    fn join(
+        run: RunId,
+        pace: Pace,
+        cameras: usize,
+        first: bool,
+        stop: Stop,
+    ) -> Result<Self, RuntimeError> {
         // Joining would make the run's directory: a run that is not there must stay so.
         if !first && !run.ipc_dir().exists() {
             return Err(RuntimeError::NoRun { run });
         }
-        let identity =
-            Identity { run, pace, cameras: 1, stage: Stage::Judge, incarnation: now_ns() };
+        let identity = Identity {
+            run,
+            pace,
+            cameras: cameras.max(1),
+            stage: Stage::Judge,
+            incarnation: now_ns(),
+        };
         let link = Link::join(identity, stop)?;
         let mode = if first { Mode::OpenOrCreate } else { Mode::Open };
         let records = Subscription::new(&link, &channel::RECORD, mode)?;
         Ok(Self { records, link })
+    }
+
+    /// Attaches to a running set whose messages are wanted too, not only its records.
+    ///
+    /// Only a set in realtime takes such guests: in lockstep its stages would wait for one that
+    /// is slow or suspended.
+    pub fn attach_to(entry: &RunEntry, stop: Stop) -> Result<Self, RuntimeError> {
+        let gone = || RuntimeError::NoRun { run: entry.run_id().unwrap_or_default() };
+        let run = entry.run_id().ok_or_else(gone)?;
+        if entry.pace == Pace::Lockstep {
+            return Err(RuntimeError::Waits { run });
+        }
+        Self::join(run, entry.pace, entry.cameras, false, stop)
+    }
+
+    /// Subscribes to a channel from now on.
+    pub fn subscribe<M: Message>(
+        &self,
+        channel: &Channel<M>,
+    ) -> Result<Subscription<M>, RuntimeError> {
+        Subscription::new(&self.link, channel, Mode::Open)
+    }
+
+    /// Subscribes to the frames from now on.
+    pub fn subscribe_frames(&self) -> Result<FrameSubscription, RuntimeError> {
+        FrameSubscription::new(&self.link, Mode::Open)
+    }
+
+    /// Gives back what members of the run held that died, so that nobody waits for them.
+    pub fn clear_dead_members(&self) {
+        self.link.clear_dead_members();
     }
 
     /// The run it is attached to.

@@ -107,12 +107,17 @@ impl Link {
 
     /// Subscribes to the frames.
     pub fn subscribe_frames(&self) -> Result<FrameSubscription, RuntimeError> {
-        FrameSubscription::new(self)
+        FrameSubscription::new(self, Mode::OpenOrCreate)
     }
 
     /// Publishes the frames of these cameras.
     pub fn publish_frames(&self, cameras: &[RgbdCamera]) -> Result<FramePublisher, RuntimeError> {
         FramePublisher::new(self, cameras)
+    }
+
+    /// Gives back what dead members of this run held, so that nobody waits for them.
+    pub(crate) fn clear_dead_members(&self) {
+        self.node.try_cleanup_dead_nodes();
     }
 
     pub(crate) fn typed<M: Message>(
@@ -145,11 +150,13 @@ impl Link {
     pub(crate) fn frames(
         &self,
         channel: &Channel<orime_messages::FrameMeta>,
+        mode: Mode,
     ) -> Result<FrameFactory, RuntimeError> {
         let qos = channel.qos(self.identity.pace, self.identity.cameras);
         let alignment = iceoryx2::prelude::Alignment::new(orime_messages::FRAME_ALIGNMENT)
             .ok_or_else(|| RuntimeError::channel(channel.name, "aligning", "not a power of 2"))?;
-        self.node
+        let builder = self
+            .node
             .service_builder(&service_name(channel)?)
             .publish_subscribe::<[u8]>()
             .user_header::<Wire<orime_messages::FrameMeta>>()
@@ -160,13 +167,20 @@ impl Link {
             .history_size(0)
             .max_publishers(channel.publishers_max)
             .max_subscribers(channel.subscribers_max)
-            .max_nodes(NODES_MAX)
-            .open_or_create()
-            .map_err(|error| RuntimeError::channel(channel.name, "opening", error))
+            .max_nodes(NODES_MAX);
+        match mode {
+            Mode::OpenOrCreate => builder
+                .open_or_create()
+                .map_err(|error| RuntimeError::channel(channel.name, "opening", error)),
+            Mode::Open => builder
+                .open()
+                .map_err(|error| RuntimeError::channel(channel.name, "attaching to", error)),
+        }
     }
 
-    fn event<M>(&self, channel: &Channel<M>) -> Result<EventFactory, RuntimeError> {
-        self.node
+    fn event<M>(&self, channel: &Channel<M>, mode: Mode) -> Result<EventFactory, RuntimeError> {
+        let builder = self
+            .node
             .service_builder(&service_name(channel)?)
             .event()
             .max_listeners(channel.subscribers_max)
@@ -176,9 +190,15 @@ impl Link {
             .disable_notifier_created_event()
             .disable_notifier_dropped_event()
             .disable_notifier_dead_event()
-            .disable_deadline()
-            .open_or_create()
-            .map_err(|error| RuntimeError::channel(channel.name, "opening the event of", error))
+            .disable_deadline();
+        match mode {
+            Mode::OpenOrCreate => builder.open_or_create().map_err(|error| {
+                RuntimeError::channel(channel.name, "opening the event of", error)
+            }),
+            Mode::Open => builder.open().map_err(|error| {
+                RuntimeError::channel(channel.name, "attaching to the event of", error)
+            }),
+        }
     }
 
     pub(crate) fn notifier<M>(
@@ -189,7 +209,7 @@ impl Link {
             return Ok(None);
         }
         let notifier = self
-            .event(channel)?
+            .event(channel, Mode::OpenOrCreate)?
             .notifier_builder()
             .create()
             .map_err(|error| RuntimeError::channel(channel.name, "making a notifier", error))?;
@@ -199,12 +219,13 @@ impl Link {
     pub(crate) fn listener<M>(
         &self,
         channel: &Channel<M>,
+        mode: Mode,
     ) -> Result<Option<Listener<Ipc>>, RuntimeError> {
         if !channel.wakes {
             return Ok(None);
         }
         let listener = self
-            .event(channel)?
+            .event(channel, mode)?
             .listener_builder()
             .create()
             .map_err(|error| RuntimeError::channel(channel.name, "making a listener", error))?;

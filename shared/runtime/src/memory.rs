@@ -3,7 +3,9 @@
 use std::fs::OpenOptions;
 use std::io;
 
-use orime_messages::{Message, ObservedCloud, SheetState, Stage, StageRecord, Targets, Truth};
+use orime_messages::{
+    Grippers, Message, ObservedCloud, SheetState, Stage, StageRecord, Targets, Truth,
+};
 use rustix::fs::{FallocateFlags, fallocate, statvfs};
 
 use crate::channel::{self, Channel, Pace};
@@ -25,6 +27,7 @@ pub fn needed_bytes(pace: Pace, cameras: usize, frame_bytes: usize) -> u64 {
         + pool(&channel::TARGETS, pace, cameras, size_of::<Targets>())
         + pool(&channel::STATE, pace, cameras, size_of::<SheetState>())
         + pool(&channel::TRUTH, pace, cameras, size_of::<Truth>())
+        + pool(&channel::GRIPPER, pace, cameras, size_of::<Grippers>())
         + records * pool(&channel::RECORD, pace, cameras, size_of::<StageRecord>())
         + MANAGEMENT_BYTES
 }

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher as Port;
+use iceoryx2::port::update_connections::{ConnectionFailure, UpdateConnections};
 use iceoryx2::port::{BackpressureAction, BackpressureInfo, LoanError};
 use iceoryx2::prelude::IceoryxSend;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
@@ -81,12 +82,16 @@ impl Outlet {
     fn loan<S>(
         &self,
         mut attempt: impl FnMut() -> Result<S, LoanError>,
+        take_back: impl Fn() -> Result<(), ConnectionFailure>,
     ) -> Result<Option<S>, RuntimeError> {
         let mut asked: Option<Instant> = None;
         loop {
             match attempt() {
                 Ok(sample) => return Ok(Some(sample)),
-                Err(LoanError::OutOfMemory) => {}
+                // What a subscriber held that has left is given back only on request.
+                Err(LoanError::OutOfMemory) => take_back().map_err(|error| {
+                    RuntimeError::channel(self.channel, "looking who has left", error)
+                })?,
                 Err(error) => return Err(RuntimeError::channel(self.channel, "loaning", error)),
             }
             if self.stop.requested() {
@@ -191,7 +196,9 @@ impl<M: Message> Publisher<M> {
         publish_ns: Option<u64>,
         write: impl FnOnce(&mut M) -> R,
     ) -> Result<Option<Sent<R>>, RuntimeError> {
-        let Some(mut sample) = self.outlet.loan(|| self.port.loan_uninit())? else {
+        let Some(mut sample) =
+            self.outlet.loan(|| self.port.loan_uninit(), || self.port.update_connections())?
+        else {
             return Ok(None);
         };
         // SAFETY: the payload lies in pages of shared memory that the kernel filled with zeros
@@ -227,7 +234,7 @@ impl FramePublisher {
         let channel = &channel::FRAME;
         let frame_bytes =
             cameras.iter().map(|camera| FrameExtent::of(camera).total_bytes()).max().unwrap_or(1);
-        let factory = link.frames(channel)?;
+        let factory = link.frames(channel, Mode::OpenOrCreate)?;
         let identity = link.identity();
         let port = port(&factory, channel.pool(identity.pace, identity.cameras), link)
             .initial_max_slice_len(frame_bytes)
@@ -246,8 +253,10 @@ impl FramePublisher {
         write: impl FnOnce(RgbdFrameMut<'_>) -> FrameWritten,
     ) -> Result<Option<Sent<FrameWritten>>, RuntimeError> {
         let extent = FrameExtent::of(camera);
-        let Some(mut sample) =
-            self.outlet.loan(|| self.port.loan_slice_uninit(extent.total_bytes()))?
+        let Some(mut sample) = self.outlet.loan(
+            || self.port.loan_slice_uninit(extent.total_bytes()),
+            || self.port.update_connections(),
+        )?
         else {
             return Ok(None);
         };
@@ -286,7 +295,10 @@ impl FramePublisher {
 
     /// Hands over the end of the stream: a frame without pixels.
     pub fn send_end(&mut self, lineage: &Header) -> Result<(), RuntimeError> {
-        let Some(mut sample) = self.outlet.loan(|| self.port.loan_slice_uninit(1))? else {
+        let Some(mut sample) = self
+            .outlet
+            .loan(|| self.port.loan_slice_uninit(1), || self.port.update_connections())?
+        else {
             return Ok(());
         };
         let mut header = self.outlet.header(lineage, FLAG_END);

@@ -27,6 +27,9 @@ pub struct RunEntry {
     pub out: PathBuf,
     /// The set's pace.
     pub pace: Pace,
+    /// Cameras of the set; 0 in entries of versions that did not say.
+    #[serde(default)]
+    pub cameras: usize,
     /// The stages' process ids, by name, once they run.
     pub stages: Vec<(String, u32)>,
 }
@@ -126,6 +129,7 @@ mod tests {
             set: PathBuf::new(),
             out: PathBuf::new(),
             pace: Pace::Lockstep,
+            cameras: 1,
             stages: vec![("segment".to_owned(), 1)],
         };
         assert!(entry.is_alive());

@@ -111,7 +111,7 @@ impl<T: Taken + Send + 'static> Intake<T> {
     ) -> Result<Self, RuntimeError> {
         let identity = link.identity();
         let qos = channel.qos(identity.pace, identity.cameras);
-        let listener = link.listener(channel)?;
+        let listener = link.listener(channel, mode)?;
         // Records overflow at every pace, but those that were taken are never given up.
         let newest_wins = identity.pace == Pace::Realtime && !channel.lockstep.overflow;
         // What the stage works on is borrowed too: a set of frames, a cloud and its state.
@@ -243,13 +243,13 @@ impl<M: Message> Subscription<M> {
 }
 
 impl FrameSubscription {
-    pub(crate) fn new(link: &Link) -> Result<Self, RuntimeError> {
+    pub(crate) fn new(link: &Link, mode: Mode) -> Result<Self, RuntimeError> {
         let channel = &channel::FRAME;
         let port =
-            link.frames(channel)?.subscriber_builder().create().map_err(|error| {
+            link.frames(channel, mode)?.subscriber_builder().create().map_err(|error| {
                 RuntimeError::channel(channel.name, "making a subscriber", error)
             })?;
-        let intake = Intake::start(link, channel, Mode::OpenOrCreate, move || {
+        let intake = Intake::start(link, channel, mode, move || {
             Ok(port.receive()?.map(|sample| ReceivedFrame { sample, take_ns: now_ns() }))
         })?;
         Ok(Self { intake })

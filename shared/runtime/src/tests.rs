@@ -135,7 +135,7 @@ fn a_frame_is_read_where_it_was_written() {
     };
     let cameras = [camera];
     let reader = run.join(Stage::Segment, Pace::Lockstep);
-    let mut frames = FrameSubscription::new(&reader).unwrap();
+    let mut frames = FrameSubscription::new(&reader, Mode::OpenOrCreate).unwrap();
     let writer = run.join(Stage::Capture, Pace::Lockstep);
     let mut publisher = FramePublisher::new(&writer, &cameras).unwrap();
     for (k, status) in [FrameStatus::Ok, FrameStatus::Unreadable].into_iter().enumerate() {

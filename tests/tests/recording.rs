@@ -182,7 +182,6 @@ fn a_full_disk_ends_the_recording_and_not_the_set() {
     let why = report["incomplete_because"].as_str().unwrap();
     assert!(why.contains("writing recording") && why.contains("File too large"), "{why}");
     assert!(report["recorded"]["frames"].as_u64().unwrap() > 0, "{report}");
-    assert!(report["bytes"].as_u64().unwrap() <= 20_000_000, "{report}");
     assert!(ended.stderr.contains("the recording has stopped, the set goes on"));
 }
 

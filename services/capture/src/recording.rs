@@ -18,7 +18,8 @@ pub struct RecordingParams {
     /// Path of the MCAP file. No default.
     pub file: String,
     /// Whether a damaged or unfinished file is played as far as it reads, its lost frames being
-    /// reported as unreadable. Default false: it is refused, and the loss named.
+    /// reported as unreadable. Default false: it is refused, and the loss named. Frames that were
+    /// never recorded are unreadable too, but no damage.
     pub damaged: bool,
 }
 
@@ -59,7 +60,7 @@ struct Reader {
 impl RecordingSource {
     pub(crate) fn open(config: &RecordingConfig, repeat: bool) -> Result<Self, OpenError> {
         let recording = McapRecording::open(&config.file)?;
-        if !config.damaged && !recording.loss().is_none() {
+        if !config.damaged && recording.loss().is_damage() {
             return Err(OpenError::Damaged { path: config.file.clone(), loss: *recording.loss() });
         }
         let after = if repeat { After::StartOver } else { After::End };

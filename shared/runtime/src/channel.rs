@@ -86,8 +86,8 @@ pub const TARGETS: Channel<Targets> = channel("orime/targets", lossless(2), newe
 /// simulate → register, judge, recorder, robot, viewer.
 pub const STATE: Channel<SheetState> =
     Channel { subscribers_max: 6, ..channel("orime/state", lossless(4), newest_wins(2, 4)) };
-/// capture → judge, recorder. Capture runs ahead of the states by all that is on its way, so this holds
-/// more than the other channels together.
+/// capture → judge, recorder. Capture runs ahead of the states by all that is on its way, so this
+/// holds more than the other channels together.
 pub const TRUTH: Channel<Truth> = channel("orime/truth", lossless(16), newest_wins(16, 16));
 /// capture → whoever wants to know where the sheet is held; nobody yet. Capture opens it only for
 /// sources that tell their grippers, and then sends one message a step, so that a robot can

@@ -25,6 +25,12 @@ impl Loss {
     pub fn is_none(&self) -> bool {
         *self == Self { messages: Some(0), ..Self::default() }
     }
+
+    /// Whether the file is damaged. Frames that are missing from a whole file were never
+    /// recorded, because they were unreadable or came too fast: that is no damage.
+    pub fn is_damage(&self) -> bool {
+        !Self { frames: 0, ..*self }.is_none()
+    }
 }
 
 impl fmt::Display for Loss {

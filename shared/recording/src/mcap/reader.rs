@@ -93,10 +93,7 @@ impl McapRecording {
         }
         let steps = Steps::of(&entries, &channels, cameras.len())
             .map_err(|message| ReadError::NotOurs { path: path.to_owned(), message })?;
-        // Nothing is lost of a whole file: what it has not was never recorded.
-        if !loss.is_none() {
-            loss.frames = steps.frames_lost();
-        }
+        loss.frames = steps.frames_lost();
         let path = path.to_owned();
         let (body, message) = (Vec::new(), Vec::new());
         Ok(Self { path, file, set, cameras, channels, steps, loss, body, message })

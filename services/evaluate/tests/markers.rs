@@ -53,8 +53,8 @@ fn a_printed_half_fold_is_tracked_node_by_node() {
     assert!(mean_mm < MEAN_MM_MAX, "mean true vertex error {mean_mm} mm");
 }
 
-/// 1.6 mm measured, at twice the usual speed.
-const MEAN_MM_MAX: f64 = 2.2;
+/// 1.43 mm measured, at twice the usual speed; the half that is hidden in the end has most of it.
+const MEAN_MM_MAX: f64 = 1.9;
 
 #[test]
 fn features_are_where_their_nodes_are_with_lenses_apart_and_registered() {

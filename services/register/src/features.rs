@@ -271,7 +271,7 @@ mod tests {
             (pose * Point3::from(local)).into()
         };
         let truth: Vec<[f32; 3]> = sheet.flat_m().into_iter().map(place).collect();
-        let control = |n: &usize| n / 25 % 2 == 0 && n % 25 % 2 == 0;
+        let control = |n: &usize| (n / 25).is_multiple_of(2) && (n % 25).is_multiple_of(2);
         let feature =
             |n: usize| Feature { position_m: truth[n], node: n as u32, camera: 0, pixels: 100.0 };
         let features = (0..sheet.len()).filter(control).map(feature).collect();

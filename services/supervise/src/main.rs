@@ -16,12 +16,10 @@ mod summary;
 mod up;
 mod watch;
 
-use std::process::ExitCode;
-
-use clap::Parser;
-
 use args::{Cli, Command};
+use clap::Parser;
 use exit::Failure;
+use std::process::ExitCode;
 
 /// The set that runs when none is named.
 const DEFAULT_SET: &str = include_str!("../../../deploy/sets/half_fold.toml");

@@ -15,7 +15,6 @@ mod runs;
 mod summary;
 mod up;
 mod watch;
-
 use args::{Cli, Command};
 use clap::Parser;
 use exit::Failure;

@@ -237,7 +237,7 @@ mod tests {
 
     #[test]
     fn the_embedded_set_is_good() {
-        let set = check(Path::new("half_fold.toml"), crate::DEFAULT_SET).unwrap();
+        let set = check(Path::new("half_fold.toml"), crate::up::DEFAULT_SET).unwrap();
         assert_eq!((set.file.name.as_str(), set.file.pace), ("half_fold", Pace::Lockstep));
         assert!(set.steps.is_some());
     }

@@ -20,9 +20,6 @@ use clap::Parser;
 use exit::Failure;
 use std::process::ExitCode;
 
-/// The set that runs when none is named.
-const DEFAULT_SET: &str = include_str!("../../../deploy/sets/half_fold.toml");
-
 fn main() -> ExitCode {
     let cli = Cli::parse();
     let result = match &cli.command {

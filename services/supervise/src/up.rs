@@ -18,6 +18,8 @@ use crate::recording::Recording;
 use crate::summary::{JUDGE_SUMMARY_NAME, RecordingSummary, Summary, judge_summary, written};
 use crate::watch::{Ending, Watch};
 
+/// The set that runs when none is named.
+pub const DEFAULT_SET: &str = include_str!("../../../deploy/sets/half_fold.toml");
 /// Name under which the embedded set is written beside what it gave.
 const DEFAULT_NAME: &str = "half_fold.toml";
 
@@ -78,7 +80,7 @@ fn prepare(args: &Up) -> Result<(CheckedSet, PathBuf), Failure> {
             })?;
             (path.clone(), text)
         }
-        None => (PathBuf::from(DEFAULT_NAME), crate::DEFAULT_SET.to_owned()),
+        None => (PathBuf::from(DEFAULT_NAME), DEFAULT_SET.to_owned()),
     };
     let mut set = check(&path, &text).map_err(|problems| {
         let list: Vec<String> = problems.iter().map(ToString::to_string).collect();

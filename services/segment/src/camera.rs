@@ -12,6 +12,7 @@ use crate::inner_edge;
 use crate::learn::{Learner, Proposal};
 use crate::mask::{Accepted, MaskBuilder};
 use crate::occluders::Occluders;
+use crate::parallax::Parallax;
 use crate::params::SegmentParams;
 use crate::select::{Evidence, Selector, SheetSize};
 use crate::steps::Steps;
@@ -57,6 +58,8 @@ pub(crate) struct CameraSegmenter {
     steps: Steps,
     selector: Selector,
     occluders: Occluders,
+    /// `None` where depth is registered to colour.
+    parallax: Option<Parallax>,
     components: Components,
     builder: MaskBuilder,
     color: ColorImages,
@@ -103,6 +106,8 @@ impl CameraSegmenter {
             steps: Steps::new(&map, params),
             selector: Selector::new(map.width, map.height),
             occluders: Occluders::new(map.width, map.height),
+            parallax: (!camera.depth_is_registered())
+                .then(|| Parallax::new(width, height, camera.depth.pixels())),
             components: Components::new(width, height),
             builder: MaskBuilder::new(width, height),
             color: ColorImages::new(width, height),
@@ -249,6 +254,9 @@ impl CameraSegmenter {
         depth.surface.copy_from(&self.occluders.found);
         depth.surface.dilate(params.occluder_margin_px, &mut depth.scratch);
         depth.sheet.and_not(&depth.surface);
+        if let Some(parallax) = &mut self.parallax {
+            parallax.drop_hidden(&self.map, params.step_m as f32, &mut depth.sheet);
+        }
         self.voxels.add(&self.map, &depth.sheet);
         self.voxels.average(&self.map, &depth.sheet, &mut self.points);
     }

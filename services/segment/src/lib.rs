@@ -1,11 +1,12 @@
 //! `segment`: RGB-D frames in, observed cloud and contour out. Knows no process, clock or file.
 //!
-//! The pixels' story, per camera (`camera`): the sheet's colours are learnt (`learn`, `cluster`) into a
-//! table (`color_model`) that classifies pixels (`bits`); the result is opened and closed
+//! The pixels' story, per camera (`camera`): the sheet's colours are learnt (`learn`, `cluster`)
+//! into a table (`color_model`) that classifies pixels (`bits`); the result is opened and closed
 //! (`morphology`) and split (`components`); depth pixels whose colour pixel lies in it (`depth`)
 //! are cut at steps (`steps`) into patches, of which those that can be the sheet are chosen
-//! (`select`); they make the mask (`mask`). What is near an occluder (`occluders`) is dropped, the
-//! rest is averaged (`voxels`), and the mask's outline becomes edgels (`contour`, `inner_edge`).
+//! (`select`); they make the mask (`mask`). What is near an occluder (`occluders`) or hidden from
+//! the colour lens (`parallax`) is dropped, the rest is averaged (`voxels`), and the mask's outline
+//! becomes edgels (`contour`, `inner_edge`).
 
 mod bits;
 mod camera;
@@ -20,6 +21,7 @@ mod learn;
 mod mask;
 mod morphology;
 mod occluders;
+mod parallax;
 mod params;
 mod select;
 mod steps;

@@ -43,6 +43,10 @@ impl BitImage {
         self.bits[y * self.words + x / 64] |= 1 << (x % 64);
     }
 
+    pub fn unset(&mut self, x: usize, y: usize) {
+        self.bits[y * self.words + x / 64] &= !(1 << (x % 64));
+    }
+
     pub fn row(&self, y: usize) -> &[u64] {
         &self.bits[y * self.words..(y + 1) * self.words]
     }

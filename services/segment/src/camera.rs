@@ -13,6 +13,7 @@ use crate::inner_edge;
 use crate::learn::{Learner, Proposal};
 use crate::mask::{Accepted, MaskBuilder};
 use crate::occluders::Occluders;
+use crate::parallax::Parallax;
 use crate::params::{Markers, SegmentParams};
 use crate::select::{Evidence, Selector, SheetSize};
 use crate::steps::Steps;
@@ -59,6 +60,8 @@ pub(crate) struct CameraSegmenter {
     selector: Selector,
     occluders: Occluders,
     finder: Option<FeatureFinder>,
+    /// `None` where depth is registered to colour.
+    parallax: Option<Parallax>,
     components: Components,
     builder: MaskBuilder,
     color: ColorImages,
@@ -109,6 +112,8 @@ impl CameraSegmenter {
                 Markers::None => None,
                 Markers::Sheet => Some(FeatureFinder::new(index as u32, camera, sheet)),
             },
+            parallax: (!camera.depth_is_registered())
+                .then(|| Parallax::new(width, height, camera.depth.pixels())),
             components: Components::new(width, height),
             builder: MaskBuilder::new(width, height),
             color: ColorImages::new(width, height),
@@ -269,6 +274,9 @@ impl CameraSegmenter {
         depth.surface.copy_from(&self.occluders.found);
         depth.surface.dilate(params.occluder_margin_px, &mut depth.scratch);
         depth.sheet.and_not(&depth.surface);
+        if let Some(parallax) = &mut self.parallax {
+            parallax.drop_hidden(&self.map, params.step_m as f32, &mut depth.sheet);
+        }
         self.voxels.add(&self.map, &depth.sheet);
         self.voxels.average(&self.map, &depth.sheet, &mut self.points);
     }

@@ -4,8 +4,9 @@
 //! into a table (`color_model`) that classifies pixels (`bits`); the result is opened and closed
 //! (`morphology`) and split (`components`); depth pixels whose colour pixel lies in it (`depth`)
 //! are cut at steps (`steps`) into patches, of which those that can be the sheet are chosen
-//! (`select`); they make the mask (`mask`). What is near an occluder (`occluders`) is dropped, the
-//! rest is averaged (`voxels`), and the mask's outline becomes edgels (`contour`, `inner_edge`).
+//! (`select`); they make the mask (`mask`). What is near an occluder (`occluders`) or hidden from
+//! the colour lens (`parallax`) is dropped, the rest is averaged (`voxels`), and the mask's outline
+//! becomes edgels (`contour`, `inner_edge`).
 //!
 //! The markers of a printed sheet (`features`) are found before all that: their ink counts as
 //! sheet-coloured, and their corners, lifted by depth (`plane`), become features.
@@ -24,6 +25,7 @@ mod learn;
 mod mask;
 mod morphology;
 mod occluders;
+mod parallax;
 mod params;
 mod plane;
 mod select;

@@ -1,0 +1,414 @@
+//! Facets, creases and layer order.
+
+use crate::line::Line;
+use nalgebra::{Point3, Vector3};
+use orime_geometry::SheetGrid;
+
+/// Most facets of a sheet.
+pub const FACETS_MAX: usize = 32;
+/// Facets' centres nearer than this to each other's plane do not change their order, metres.
+///
+/// Source: `../shared/design/loop.md`.
+pub const ORDER_APART_M: f64 = 4e-3;
+/// A node nearer than this share of the spacing to a facet counts as the facet's too.
+const MARGIN: f64 = 0.25;
+/// Shortest crease, as a share of the spacing.
+const CREASE_MIN: f64 = 0.25;
+
+/// A convex part of the sheet.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Facet {
+    /// Corners, (u, v), metres, counter-clockwise.
+    pub corners_m: Vec<[f64; 2]>,
+}
+
+impl Facet {
+    /// How deep a point lies inside, metres; negative outside.
+    pub fn inside_m(&self, uv_m: [f64; 2]) -> f64 {
+        self.sides().map(|side| side.side_m(uv_m)).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Area, m².
+    pub fn area_m2(&self) -> f64 {
+        let next = self.corners_m.iter().cycle().skip(1);
+        0.5 * self.corners_m.iter().zip(next).map(|(a, b)| a[0] * b[1] - a[1] * b[0]).sum::<f64>()
+    }
+
+    fn sides(&self) -> impl Iterator<Item = Line> + '_ {
+        let next = self.corners_m.iter().cycle().skip(1);
+        self.corners_m.iter().zip(next).map(|(a, b)| Line::through(*a, *b))
+    }
+
+    /// The parts left and right of a line; `None` where one of them would be a sliver.
+    fn cut(&self, line: &Line, sliver_m: f64) -> Option<[Facet; 2]> {
+        let mut parts = [Vec::new(), Vec::new()];
+        let next = self.corners_m.iter().cycle().skip(1);
+        for (&a, &b) in self.corners_m.iter().zip(next) {
+            let (side_a, side_b) = (line.side_m(a), line.side_m(b));
+            for (part, sign) in parts.iter_mut().zip([1.0, -1.0]) {
+                if sign * side_a >= 0.0 {
+                    part.push(a);
+                }
+                if side_a * side_b < 0.0 {
+                    part.push(line.crossing(a, b));
+                }
+            }
+        }
+        let wide = |part: &Vec<[f64; 2]>| {
+            part.iter().map(|p| line.side_m(*p).abs()).fold(0.0, f64::max) >= sliver_m
+        };
+        if !parts.iter().all(wide) {
+            return None;
+        }
+        let [left, right] = parts.map(|mut corners_m| {
+            corners_m.dedup_by(|a, b| (a[0] - b[0]).hypot(a[1] - b[1]) < 1e-9);
+            Facet { corners_m }
+        });
+        Some([left, right])
+    }
+}
+
+/// Where two facets meet.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Crease {
+    /// The facets left and right of it, looking from the first end to the second.
+    pub facets: [usize; 2],
+    /// Its ends, (u, v), metres.
+    pub ends_m: [[f64; 2]; 2],
+    /// Fold angle as last observed, radians: 0 flat, π folded shut; positive where the sides that
+    /// the normals (u × v) point away from come nearer (a mountain seen from the normals' side).
+    pub angle_rad: f64,
+}
+
+impl Crease {
+    /// The line that it lies on.
+    pub fn line(&self) -> Line {
+        Line::through(self.ends_m[0], self.ends_m[1])
+    }
+}
+
+/// What is known of a sheet's folds.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Folds {
+    sheet: SheetGrid,
+    facets: Vec<Facet>,
+    creases: Vec<Crease>,
+    members: Vec<Vec<u32>>,
+    facet_of_node: Vec<u8>,
+    order: [[i8; FACETS_MAX]; FACETS_MAX],
+}
+
+impl Folds {
+    /// A sheet without folds: one facet.
+    pub fn flat(sheet: &SheetGrid) -> Self {
+        let [a, b] = sheet.size_m;
+        let corners_m = vec![[0.0, 0.0], [a, 0.0], [a, b], [0.0, b]];
+        let mut folds = Self {
+            sheet: sheet.clone(),
+            facets: vec![Facet { corners_m }],
+            creases: Vec::new(),
+            members: Vec::new(),
+            facet_of_node: Vec::new(),
+            order: [[0; FACETS_MAX]; FACETS_MAX],
+        };
+        folds.derive();
+        folds
+    }
+
+    /// A sheet whose facets are known. They must tile it.
+    pub fn from_facets(sheet: &SheetGrid, facets: Vec<Facet>) -> Self {
+        assert!((1..=FACETS_MAX).contains(&facets.len()), "1 to {FACETS_MAX} facets");
+        let mut folds = Self::flat(sheet);
+        folds.facets = facets;
+        folds.derive();
+        folds
+    }
+
+    /// The grid that the nodes are of.
+    pub fn sheet(&self) -> &SheetGrid {
+        &self.sheet
+    }
+
+    /// The facets; they tile the sheet.
+    pub fn facets(&self) -> &[Facet] {
+        &self.facets
+    }
+
+    /// The creases between facets.
+    pub fn creases(&self) -> &[Crease] {
+        &self.creases
+    }
+
+    /// The nodes of a facet, those on its creases included; a node may belong to several.
+    pub fn members(&self, facet: usize) -> &[u32] {
+        &self.members[facet]
+    }
+
+    /// One facet per node: the one that it lies deepest in.
+    pub fn facet_of_node(&self) -> &[u8] {
+        &self.facet_of_node
+    }
+
+    /// The facet that a material point lies deepest in.
+    pub fn facet_at(&self, uv_m: [f64; 2]) -> usize {
+        let depth = |facet: &Facet| facet.inside_m(uv_m);
+        (0..self.facets.len())
+            .max_by(|a, b| {
+                depth(&self.facets[*a]).total_cmp(&depth(&self.facets[*b])).then(b.cmp(a))
+            })
+            .unwrap_or(0)
+    }
+
+    /// On which side of facet `g`'s plane facet `f` lies: 1 where the normal (u × v) points to,
+    /// −1 behind, 0 where that was never seen.
+    pub fn order(&self, f: usize, g: usize) -> i8 {
+        self.order[f][g]
+    }
+
+    /// Says that facet `f` lies on that side of facet `g`, see [`Folds::order`].
+    pub fn set_order(&mut self, f: usize, g: usize, side: i8) {
+        self.order[f][g] = side.signum();
+    }
+
+    /// Cuts a facet in two along a line: the part on its left keeps the number, the other gets the
+    /// next free one, which is returned. `None`, and no change, where a part would be narrower than
+    /// half a spacing or the facets are used up.
+    pub fn split(&mut self, facet: usize, line: &Line) -> Option<usize> {
+        let [h_u, h_v] = self.sheet.spacing_m();
+        if self.facets.len() == FACETS_MAX {
+            return None;
+        }
+        let [left, right] = self.facets[facet].cut(line, 0.5 * h_u.min(h_v))?;
+        let new = self.facets.len();
+        self.facets[facet] = left;
+        self.facets.push(right);
+        for other in 0..new {
+            self.order[other][new] = self.order[other][facet];
+            self.order[new][other] = self.order[facet][other];
+        }
+        self.order[facet][new] = 0;
+        self.order[new][facet] = 0;
+        self.derive();
+        Some(new)
+    }
+
+    /// Takes the fold angles, and the layer order of every pair that is clearly apart, from the
+    /// nodes' positions, world frame, metres.
+    pub fn observe(&mut self, positions_m: &[[f32; 3]]) {
+        let poses: Vec<FacetFrame> =
+            (0..self.facets.len()).map(|f| self.frame(f, positions_m)).collect();
+        for (f, pose_f) in poses.iter().enumerate() {
+            for (g, pose_g) in poses.iter().enumerate() {
+                let height_m = (pose_f.center_m - pose_g.center_m).dot(&pose_g.normal);
+                if f != g && height_m.abs() > ORDER_APART_M {
+                    self.order[f][g] = if height_m > 0.0 { 1 } else { -1 };
+                }
+            }
+        }
+        for crease in &mut self.creases {
+            let [left, right] = crease.facets.map(|facet| &poses[facet]);
+            let d = crease.line().direction;
+            let axis =
+                (left.u * d[0] + left.v * d[1] + right.u * d[0] + right.v * d[1]).normalize();
+            let sine = left.normal.cross(&right.normal).dot(&axis);
+            let angle_rad = sine.atan2(left.normal.dot(&right.normal));
+            // Near ±π the sign is noise: a fold does not pass through itself.
+            let wrapped = (angle_rad - crease.angle_rad).abs() > 1.5 * std::f64::consts::PI;
+            let turn = if wrapped { -std::f64::consts::TAU * angle_rad.signum() } else { 0.0 };
+            crease.angle_rad = angle_rad + turn;
+        }
+    }
+
+    /// The rigid pose that fits a facet's nodes best.
+    pub fn frame(&self, facet: usize, positions_m: &[[f32; 3]]) -> FacetFrame {
+        FacetFrame::fit(&self.sheet, &self.members[facet], positions_m)
+    }
+
+    /// Everything that follows from the facets.
+    fn derive(&mut self) {
+        let [h_u, h_v] = self.sheet.spacing_m();
+        let margin_m = MARGIN * h_u.min(h_v);
+        let uv: Vec<[f64; 2]> = self.sheet.uv_m().collect();
+        let members = |facet: &Facet| {
+            let inside = |n: &u32| facet.inside_m(uv[*n as usize]) >= -margin_m;
+            (0..uv.len() as u32).filter(inside).collect()
+        };
+        self.members = self.facets.iter().map(members).collect();
+        self.facet_of_node = uv.iter().map(|uv| self.facet_at(*uv) as u8).collect();
+        let before = std::mem::take(&mut self.creases);
+        for f in 0..self.facets.len() {
+            for g in f + 1..self.facets.len() {
+                let shared =
+                    shared_side(&self.facets[f], &self.facets[g], CREASE_MIN * h_u.min(h_v));
+                let Some(ends_m) = shared else { continue };
+                let known = before.iter().find(|crease| crease.facets == [f, g]);
+                let angle_rad = known.map_or(0.0, |crease| crease.angle_rad);
+                self.creases.push(Crease { facets: [f, g], ends_m, angle_rad });
+            }
+        }
+    }
+}
+
+/// The part of a side that `f` (on its left) shares with `g`, where longer than `length_min_m`.
+fn shared_side(f: &Facet, g: &Facet, length_min_m: f64) -> Option<[[f64; 2]; 2]> {
+    let touch_m = 1e-6;
+    for (at, side) in f.sides().enumerate() {
+        let to = f.corners_m[(at + 1) % f.corners_m.len()];
+        let length = (to[0] - side.point_m[0]).hypot(to[1] - side.point_m[1]);
+        let along = |p: &[f64; 2]| {
+            (p[0] - side.point_m[0]) * side.direction[0]
+                + (p[1] - side.point_m[1]) * side.direction[1]
+        };
+        let on: Vec<f64> =
+            g.corners_m.iter().filter(|p| side.side_m(**p).abs() < touch_m).map(along).collect();
+        let low = on.iter().copied().fold(f64::INFINITY, f64::min).max(0.0);
+        let high = on.iter().copied().fold(f64::NEG_INFINITY, f64::max).min(length);
+        if on.len() >= 2 && high - low > length_min_m {
+            let at = |s: f64| [0, 1].map(|axis| side.point_m[axis] + s * side.direction[axis]);
+            return Some([at(low), at(high)]);
+        }
+    }
+    None
+}
+
+/// A facet's pose: material point (u, v) lies at `center_m + (u − u₀)·u + (v − v₀)·v`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FacetFrame {
+    /// World position of the members' mean, metres.
+    pub center_m: Point3<f64>,
+    /// Material coordinates of the members' mean, metres.
+    pub center_uv_m: [f64; 2],
+    /// Unit direction of growing u.
+    pub u: Vector3<f64>,
+    /// Unit direction of growing v.
+    pub v: Vector3<f64>,
+    /// u × v.
+    pub normal: Vector3<f64>,
+    /// Root mean square distance of the members from the pose, metres.
+    pub residual_m: f64,
+}
+
+impl FacetFrame {
+    /// Least-squares rigid pose of these nodes: the polar factor of the 3 × 2 moment matrix.
+    pub fn fit(sheet: &SheetGrid, nodes: &[u32], positions_m: &[[f32; 3]]) -> Self {
+        let [h_u, h_v] = sheet.spacing_m();
+        let uv = |n: u32| {
+            let n = n as usize;
+            [(n / sheet.nodes[1]) as f64 * h_u, (n % sheet.nodes[1]) as f64 * h_v]
+        };
+        let x = |n: u32| Vector3::from(positions_m[n as usize].map(f64::from));
+        let count = nodes.len().max(1) as f64;
+        let (mut center, mut center_uv_m) = (Vector3::zeros(), [0.0; 2]);
+        for n in nodes {
+            center += x(*n) / count;
+            let [u, v] = uv(*n);
+            center_uv_m = [center_uv_m[0] + u / count, center_uv_m[1] + v / count];
+        }
+        let (mut a, mut b) = (Vector3::zeros(), Vector3::zeros());
+        let mut spread = 0.0;
+        for n in nodes {
+            let [u, v] = [uv(*n)[0] - center_uv_m[0], uv(*n)[1] - center_uv_m[1]];
+            let d = x(*n) - center;
+            a += d * u;
+            b += d * v;
+            spread += u * u + v * v + d.norm_squared();
+        }
+        let (u, v, trace) = polar(a, b);
+        let residual_m = ((spread - 2.0 * trace).max(0.0) / count).sqrt();
+        let normal = u.cross(&v);
+        Self { center_m: center.into(), center_uv_m, u, v, normal, residual_m }
+    }
+
+    /// Where a material point lies, world frame, metres.
+    pub fn position_m(&self, uv_m: [f64; 2]) -> Point3<f64> {
+        self.center_m
+            + self.u * (uv_m[0] - self.center_uv_m[0])
+            + self.v * (uv_m[1] - self.center_uv_m[1])
+    }
+}
+
+/// The nearest pair of orthonormal vectors to (a, b), and the sum of the singular values.
+///
+/// M = [a b], MᵀM = [[p, q], [q, r]], S = √(MᵀM) in closed form, U = M·S⁻¹.
+fn polar(a: Vector3<f64>, b: Vector3<f64>) -> (Vector3<f64>, Vector3<f64>, f64) {
+    let (p, q, r) = (a.dot(&a), a.dot(&b), b.dot(&b));
+    let root_det = (p * r - q * q).max(0.0).sqrt();
+    let trace = (p + r + 2.0 * root_det).sqrt();
+    if root_det <= 1e-12 * (p + r) || trace == 0.0 {
+        // All on a line or a point: any frame that holds the line.
+        let u = if p >= r { a } else { b }.try_normalize(0.0).unwrap_or_else(Vector3::x);
+        let away = if u.x.abs() < 0.7 { Vector3::x() } else { Vector3::y() };
+        return (u, (away - u * u.dot(&away)).normalize(), trace);
+    }
+    // S = (MᵀM + √det·1)/trace;  S⁻¹ = [[r + d, −q], [−q, p + d]]/(trace·d).
+    let scale = 1.0 / (trace * root_det);
+    let u = (a * (r + root_det) - b * q) * scale;
+    let v = (b * (p + root_det) - a * q) * scale;
+    (u, v, trace)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sheet() -> SheetGrid {
+        SheetGrid::new([0.15, 0.15], [25, 25])
+    }
+
+    /// The sheet folded along the line u = 0.075 by an angle, the part of large u lifted.
+    fn folded(angle_rad: f64) -> Vec<[f32; 3]> {
+        let fold = |[u, v]: [f64; 2]| {
+            let over = (u - 0.075).max(0.0);
+            let x = u.min(0.075) + over * angle_rad.cos();
+            [x as f32, v as f32, (over * angle_rad.sin()) as f32]
+        };
+        sheet().uv_m().map(fold).collect()
+    }
+
+    #[test]
+    fn a_split_in_the_middle_makes_two_halves_that_share_a_crease() {
+        let mut folds = Folds::flat(&sheet());
+        let new = folds.split(0, &Line::through([0.075, 0.0], [0.075, 0.15])).unwrap();
+        assert_eq!((new, folds.creases().len()), (1, 1));
+        let areas: f64 = folds.facets().iter().map(Facet::area_m2).sum();
+        assert!((areas - 0.15 * 0.15).abs() < 1e-12);
+        assert_eq!(folds.members(0).len(), 13 * 25);
+        assert_eq!(folds.facet_at([0.01, 0.05]), 0);
+        assert_eq!(folds.facet_at([0.10, 0.05]), 1);
+        // A second cut across both gives four facets and four creases.
+        for facet in [0, 1] {
+            folds.split(facet, &Line::through([0.0, 0.075], [0.15, 0.075])).unwrap();
+        }
+        assert_eq!((folds.facets().len(), folds.creases().len()), (4, 4));
+        // A sliver is refused.
+        assert!(folds.split(0, &Line::through([0.001, 0.0], [0.001, 0.15])).is_none());
+    }
+
+    #[test]
+    fn angle_and_order_follow_the_fold() {
+        let mut folds = Folds::flat(&sheet());
+        folds.split(0, &Line::through([0.075, 0.0], [0.075, 0.15])).unwrap();
+        let low = folds.facet_at([0.0, 0.0]);
+        let flap = 1 - low;
+        for degrees in [10.0, 60.0, 120.0, 175.0, 179.0, 180.0, 180.5] {
+            folds.observe(&folded(f64::to_radians(degrees)));
+            let angle = folds.creases()[0].angle_rad.to_degrees().abs();
+            assert!((angle - degrees).abs() < 1e-3, "{angle} instead of {degrees}");
+        }
+        assert_eq!(folds.order(flap, low), 1); // The flap lies where the lower part's normal points.
+        assert_eq!(folds.order(low, flap), 1); // And the lower part where the flap's points.
+    }
+
+    #[test]
+    fn a_frame_fits_a_turned_facet_exactly() {
+        let turn = nalgebra::Rotation3::from_euler_angles(0.3, -0.8, 2.0);
+        let x: Vec<[f32; 3]> = sheet()
+            .uv_m()
+            .map(|[u, v]| (turn * Vector3::new(u, v, 0.0)).cast::<f32>().into())
+            .collect();
+        let frame = Folds::flat(&sheet()).frame(0, &x);
+        assert!((frame.u - turn * Vector3::x()).norm() < 1e-6);
+        assert!((frame.normal - turn * Vector3::z()).norm() < 1e-6);
+        assert!(frame.residual_m < 1e-6, "{}", frame.residual_m);
+    }
+}

@@ -173,6 +173,7 @@ impl Pipeline {
             edgels: &self.edgels[..self.report.edgels],
             features: &self.features[..self.report.features],
             cameras: &self.cameras,
+            folds: None,
         };
         self.registrar.register(&observed, state, &mut self.targets_m, &mut self.confidence)
     }

@@ -85,6 +85,21 @@ pub(crate) fn corners(from: [usize; 2], to: [usize; 2]) -> Vec<Corner> {
 }
 
 impl Corner {
+    /// A material point among the control points of a sheet (see [`Basis::new`]).
+    pub fn at(sheet: &SheetGrid, uv_m: [f64; 2]) -> Self {
+        let controls = sheet.nodes.map(|n| n.div_ceil(2));
+        let place = |axis: usize| {
+            let at = uv_m[axis] / sheet.size_m[axis] * (controls[axis] - 1) as f64;
+            let cell = (at.max(0.0) as usize).min(controls[axis] - 2);
+            (cell, at - cell as f64)
+        };
+        let ((a, s), (b, t)) = (place(0), place(1));
+        Self {
+            base: (a * controls[1] + b) as u32,
+            weights: [(1.0 - s) * (1.0 - t), (1.0 - s) * t, s * (1.0 - t), s * t].map(|w| w as f32),
+        }
+    }
+
     /// Indices of the four corners in a grid whose rows are `stride` long.
     pub fn indices(&self, stride: usize) -> [usize; 4] {
         let base = self.base as usize;

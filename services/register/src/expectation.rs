@@ -55,6 +55,13 @@ impl Candidates {
         self.prior.push(prior);
     }
 
+    /// Changes the prior weights of the components, in the order in which they were added.
+    pub fn set_priors(&mut self, priors: impl Iterator<Item = f32>) {
+        for (own, prior) in self.prior.iter_mut().zip(priors) {
+            *own = prior;
+        }
+    }
+
     /// Pads to a multiple of [`LANES`] and zeroes the sums.
     pub fn seal(&mut self) {
         while !self.x.len().is_multiple_of(LANES) {

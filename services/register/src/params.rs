@@ -75,6 +75,10 @@ pub struct RegisterParams {
     /// Weight of the sheet's contour in the colour images, 0 to 4; 0 leaves it out, 1 takes a
     /// contour's error for one pixel. Default 1.
     pub outline_weight: f64,
+    /// Let each camera's points pull only on what that camera can see of the predicted sheet, and
+    /// give nodes that nobody sees no target. Needs layers in the right order: simulate's contact.
+    /// Default false.
+    pub visibility: bool,
     /// Give every node a target instead of the control points (every other node) alone.
     /// Default true; false is the paper.
     pub targets_everywhere: bool,
@@ -105,6 +109,7 @@ impl Default for RegisterParams {
             points_max: 2000,
             points_min: 60,
             outline_weight: 1.0,
+            visibility: false,
             targets_everywhere: true,
             explained_min: 0.85,
         }
@@ -134,6 +139,7 @@ impl RegisterParams {
             points_max,
             points_min,
             outline_weight,
+            visibility: _,
             targets_everywhere: _,
             explained_min,
         } = self;

@@ -8,6 +8,7 @@ use crate::mixture::Cloud;
 use crate::params::{RegisterConfig, RegisterMode, RegisterParams};
 use crate::score::Score;
 use crate::track::{TrackReport, Tracker};
+use orime_creases::Folds;
 use orime_geometry::{Edgel, Feature, ObservedPoint, RgbdCamera, SheetGrid};
 
 /// Whether the sheet is being followed.
@@ -36,6 +37,8 @@ pub struct Observation<'a> {
     pub features: &'a [Feature],
     /// The cameras that `edgels` were seen by; without them the contour is not used.
     pub cameras: &'a [RgbdCamera],
+    /// What is known of the sheet's folds; `None`: a sheet without creases.
+    pub folds: Option<&'a Folds>,
 }
 
 /// What registering one step gave.
@@ -131,13 +134,19 @@ impl Registrar {
             report.tracking = if self.has_pose { Tracking::Coasting } else { Tracking::Searching };
             return report;
         }
-        let points = self.points.iter().map(|p| p.position_m);
+        if let Some(folds) = observed.folds {
+            self.tracker.refold(folds);
+        }
+        let points = self.points.iter().map(|p| (p.position_m, p.camera));
         self.cloud.fill(points, self.tracker.cell_m());
         self.tracker.outline.fill(observed.edgels, observed.cameras);
         let known = predicted_m.filter(|x| self.has_pose && x.len() == self.sheet.len());
         let mut tracked = None;
         if let Some(state) = known {
             self.predict(state);
+            if self.params.visibility {
+                self.tracker.judge_visibility(observed.cameras, &self.nodes_m);
+            }
             let fit = self.tracker.track(&self.cloud, &mut self.nodes_m);
             tracked = Some((fit, self.score()));
         }
@@ -200,7 +209,7 @@ impl Registrar {
         self.tracker.mixture.place(&self.nodes_m);
         let (cell_m, side_m) = (self.tracker.cell_m(), self.tracker.side_m);
         let Tracker { mixture, outline, .. } = &mut self.tracker;
-        Score::of(mixture, outline, &self.cloud, cell_m, side_m)
+        Score::of(mixture, outline, &self.nodes_m, &self.cloud, cell_m, side_m)
     }
 
     /// Looks for a pose in the cloud alone and takes it if it explains clearly more.
@@ -220,6 +229,7 @@ impl Registrar {
         };
         self.nodes_m = pose;
         self.tracker.forget();
+        self.tracker.forget_visibility();
         let fit = self.tracker.track(&self.cloud, &mut self.nodes_m);
         let score = self.score();
         let clearly_better = match tracked {
@@ -236,6 +246,10 @@ impl Registrar {
 
     fn write_targets(&self, everywhere: bool, targets_m: &mut [[f32; 3]], confidence: &mut [f32]) {
         targets_m[..self.nodes_m.len()].copy_from_slice(&self.nodes_m);
+        if self.params.visibility && !everywhere {
+            self.tracker.confidence(confidence);
+            return;
+        }
         let everywhere = everywhere || self.params.targets_everywhere;
         for i in 0..self.sheet.nodes[0] {
             for j in 0..self.sheet.nodes[1] {

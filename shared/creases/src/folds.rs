@@ -395,7 +395,8 @@ mod tests {
             let angle = folds.creases()[0].angle_rad.to_degrees().abs();
             assert!((angle - degrees).abs() < 1e-3, "{angle} instead of {degrees}");
         }
-        assert_eq!(folds.order(flap, low), 1); // The flap lies where the lower part's normal points.
+        // The flap lies where the lower normal points, and the lower part where the flap's does.
+        assert_eq!(folds.order(flap, low), 1);
         assert_eq!(folds.order(low, flap), 1); // And the lower part where the flap's points.
     }
 

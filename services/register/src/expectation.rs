@@ -8,7 +8,7 @@ pub(crate) const LANES: usize = 16;
 
 /// Candidate components of a cell and what the cell gives them, as arrays of equal length, a
 /// multiple of [`LANES`]; padding stands so far off that its weight is zero.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct Candidates {
     /// Positions relative to the cell's origin, metres.
     pub x: Vec<f32>,

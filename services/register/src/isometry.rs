@@ -12,7 +12,7 @@ use orime_geometry::SheetGrid;
 type Link = ([u32; 2], f32);
 
 /// Edges and cell diagonals with their rest lengths.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Isometry {
     links: Vec<Link>,
     /// Nodes in a row at [`SPANS`] steps, the middle one second.

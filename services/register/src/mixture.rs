@@ -13,7 +13,7 @@ const CUTOFF_SIGMAS: f32 = 3.5;
 const CELLS_MAX: usize = 48;
 
 /// Observed points, sorted into cells for the whole frame.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct Cloud {
     /// Positions, metres, cell after cell.
     pub points_m: Vec<[f32; 3]>,
@@ -26,7 +26,7 @@ pub(crate) struct Cloud {
 }
 
 /// Components of the mixture and what the last E-step gave them.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Mixture {
     /// Interpolation from the sheet's nodes.
     blends: Vec<Blend>,
@@ -248,7 +248,7 @@ impl Mixture {
 }
 
 /// Counting-sorted grid over the components.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 struct Lookup {
     low: [f32; 3],
     cell_m: f32,

@@ -50,14 +50,13 @@ pub(crate) struct Row {
 }
 
 /// The contour of one frame set, ready to be matched.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Outline {
     triangles: Vec<[u32; 3]>,
     spacing_m: f64,
+    controls: [usize; 2],
     /// Border first, then creases.
     pub samples: Vec<Sample>,
-    /// How many of the samples are border.
-    border: usize,
     /// Where the samples are now, world frame, metres.
     pub positions_m: Vec<[f32; 3]>,
     views: Vec<View>,
@@ -69,13 +68,13 @@ pub(crate) struct Outline {
 impl Outline {
     /// The outline of a sheet whose control points are `controls`, sampled at `per_cell` samples
     /// per grid cell.
-    pub fn new(sheet: &SheetGrid, per_cell: usize) -> Self {
+    pub fn new(sheet: &SheetGrid, controls: [usize; 2], per_cell: usize) -> Self {
         let [h_u, h_v] = sheet.spacing_m();
         let mut outline = Self {
             triangles: sheet.triangles(),
             spacing_m: 0.5 * (h_u + h_v) / per_cell as f64,
+            controls,
             samples: Vec::new(),
-            border: 0,
             positions_m: Vec::new(),
             views: Vec::new(),
             edgels: Vec::new(),
@@ -89,9 +88,9 @@ impl Outline {
     /// Takes over other folds.
     pub fn refold(&mut self, sheet: &SheetGrid, folds: &Folds, blender: &Blender<'_>) {
         self.samples.clear();
-        sample::border(sheet, self.spacing_m, blender, &mut self.samples);
-        self.border = self.samples.len();
-        sample::creases(sheet, folds, self.spacing_m, blender, &mut self.samples);
+        let layout = sample::Layout { sheet, controls: self.controls, spacing_m: self.spacing_m };
+        layout.border(blender, &mut self.samples);
+        layout.creases(folds, blender, &mut self.samples);
         self.views.iter_mut().for_each(View::forget);
     }
 
@@ -243,7 +242,7 @@ mod tests {
         let sheet = SheetGrid::new([0.15, 0.15], [9, 9]);
         let mut nodes = sheet.flat_m();
         nodes.iter_mut().for_each(|p| p[2] = 0.5);
-        let mut outline = Outline::new(&sheet, 2);
+        let mut outline = Outline::new(&sheet, [5, 5], 2);
         // 3 px right and 2 px up at 0.5 m and 600 px are 2.5 mm and 1.67 mm.
         outline.fill(&rectangle([3.0, -2.0]), &[camera()]);
         outline.matched(&nodes, 0, 1e-6);
@@ -270,7 +269,7 @@ mod tests {
         let sheet = SheetGrid::new([0.15, 0.15], [9, 9]);
         let mut nodes = sheet.flat_m();
         nodes.iter_mut().for_each(|p| p[2] = 0.5);
-        let mut outline = Outline::new(&sheet, 2);
+        let mut outline = Outline::new(&sheet, [5, 5], 2);
         let mut inward = rectangle([0.0, 0.0]);
         inward.iter_mut().for_each(|e| e.normal = e.normal.map(|c| -c));
         let nan = Edgel { position_px: [f32::NAN; 2], ..inward[0] };

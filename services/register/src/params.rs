@@ -1,5 +1,6 @@
 //! The `[register]` section of a set.
 
+use orime_geometry::SheetGrid;
 use orime_params::{Checker, Problem};
 use serde::{Deserialize, Serialize};
 
@@ -55,9 +56,12 @@ pub struct RegisterParams {
     /// Start of the outlier weight w, which then follows the share of unexplained points within
     /// 0.01 to 0.5. Default 0.05.
     pub outlier_weight: f64,
-    /// Mixture components per grid cell and direction; finer ones reach a smaller σ and cost
-    /// their square. Default 2.
-    pub virtual_per_cell: usize,
+    /// Widest spacing of the mixture's components, fraction of the sheet; finer ones reach a
+    /// smaller σ and cost their square. Default 0.021 (3.1 mm on 0.15 m).
+    pub virtual_spacing: f64,
+    /// Spacing of the control points, fraction of the sheet, rounded to grid cells. Default 0.083
+    /// (13 × 13).
+    pub control_spacing: f64,
     /// Eigenvectors of the kernel that may move, at most. Default 40.
     pub modes_max: usize,
     /// Sweeps of the isometry projection in every iteration; 0 lets the model stretch.
@@ -101,7 +105,8 @@ impl Default for RegisterParams {
             sigma_start: [0.027, 0.04],
             sigma_floor: 0.0067,
             outlier_weight: 0.05,
-            virtual_per_cell: 2,
+            virtual_spacing: 0.021,
+            control_spacing: 0.083,
             modes_max: 40,
             isometry_sweeps: 10,
             flatness: 0.5,
@@ -131,7 +136,8 @@ impl RegisterParams {
             sigma_start,
             sigma_floor,
             outlier_weight,
-            virtual_per_cell,
+            virtual_spacing,
+            control_spacing,
             modes_max,
             isometry_sweeps,
             flatness,
@@ -159,7 +165,8 @@ impl RegisterParams {
         within("sigma_start", sigma_start[0], *sigma_floor, 1.0);
         within("sigma_start", sigma_start[1], sigma_start[0], 1.0);
         within("outlier_weight", *outlier_weight, 0.001, 0.9);
-        within("virtual_per_cell", *virtual_per_cell as f64, 1.0, 6.0);
+        within("virtual_spacing", *virtual_spacing, 0.005, 0.5);
+        within("control_spacing", *control_spacing, 0.01, 0.5);
         within("modes_max", *modes_max as f64, 3.0, 400.0);
         within("isometry_sweeps", f64::from(*isometry_sweeps), 0.0, 200.0);
         within("flatness", *flatness, 0.0, 1.0);
@@ -169,6 +176,26 @@ impl RegisterParams {
         within("outline_weight", *outline_weight, 0.0, 4.0);
         within("explained_min", *explained_min, 0.0, 1.0);
         checker.finish(|| RegisterConfig { params: self.clone() })
+    }
+}
+
+impl RegisterParams {
+    /// Components per grid cell and direction.
+    pub(crate) fn virtual_per_cell(&self, sheet: &SheetGrid) -> usize {
+        let [h_u, h_v] = sheet.spacing_m();
+        let side_m = (sheet.size_m[0] + sheet.size_m[1]) / 2.0;
+        // A hair's breadth more spacing is no reason for twice the components.
+        ((h_u.max(h_v) / (self.virtual_spacing * side_m) - 1e-2).ceil() as usize).clamp(1, 12)
+    }
+
+    /// Control points along u and v.
+    pub(crate) fn controls(&self, sheet: &SheetGrid) -> [usize; 2] {
+        let side_m = (sheet.size_m[0] + sheet.size_m[1]) / 2.0;
+        let spacing = sheet.spacing_m();
+        [0, 1].map(|axis| {
+            let cells = (self.control_spacing * side_m / spacing[axis]).round().max(1.0) as usize;
+            (sheet.nodes[axis] - 1).div_ceil(cells).max(1) + 1
+        })
     }
 }
 

@@ -7,7 +7,7 @@ use crate::first_pose;
 use crate::mixture::Cloud;
 use crate::params::{RegisterConfig, RegisterMode, RegisterParams};
 use crate::score::Score;
-use crate::track::{TrackReport, Tracker};
+use crate::track::{Termination, TrackReport, Tracker};
 use orime_creases::Folds;
 use orime_geometry::{Edgel, Feature, ObservedPoint, RgbdCamera, SheetGrid};
 
@@ -56,13 +56,15 @@ pub struct RegisterReport {
     pub inlier_ratio: f32,
     /// Observed points that were not finite.
     pub points_rejected: u32,
+    /// Why the iterations ended.
+    pub termination: Termination,
 }
 
 /// A pose must beat the current one by this much to replace it: a jump is never taken for noise.
 const BETTER_BY: f64 = 0.1;
 
 /// Registers the sheet to one cloud after the other.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Registrar {
     params: RegisterParams,
     sheet: SheetGrid,
@@ -164,6 +166,7 @@ impl Registrar {
         self.has_pose = true;
         let keep = if report.reset { 0.0 } else { 0.8 };
         self.outlined_usual = keep * self.outlined_usual + (1.0 - keep) * score.outlined;
+        report.termination = fit.termination;
         report.iterations = fit.iterations;
         report.sigma_m = fit.sigma_m;
         report.inlier_ratio = fit.inlier_ratio;

@@ -57,7 +57,7 @@ pub struct TrackReport {
 const MASS_HALF: f32 = 0.1;
 
 /// Everything that registering to one cloud needs and that does not change from frame to frame.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Tracker {
     params: RegisterParams,
     /// Mean side of the sheet, metres: the unit of the fractional parameters.
@@ -87,14 +87,16 @@ pub(crate) struct Tracker {
 impl Tracker {
     pub fn new(params: &RegisterParams, sheet: &SheetGrid, rest_m: &[[f32; 3]]) -> Self {
         let side_m = (sheet.size_m[0] + sheet.size_m[1]) / 2.0;
-        let basis = Basis::new(sheet, params.kernel_width * side_m, params.modes_max);
-        let fine = Mixture::fine_nodes(sheet, params.virtual_per_cell);
+        let controls = params.controls(sheet);
+        let basis = Basis::new(sheet, controls, params.kernel_width * side_m, params.modes_max);
+        let per_cell = params.virtual_per_cell(sheet);
+        let fine = Mixture::fine_nodes(sheet, per_cell);
         Self {
             side_m: side_m as f32,
             node_corners: corners(basis.controls, sheet.nodes),
             mixture_corners: corners(basis.controls, fine),
-            mixture: Mixture::new(sheet, params.virtual_per_cell),
-            outline: Outline::new(sheet, params.virtual_per_cell),
+            mixture: Mixture::new(sheet, per_cell),
+            outline: Outline::new(sheet, controls, per_cell),
             isometry: Isometry::new(sheet, rest_m, params.flatness),
             sigma_next_m: 0.0,
             outlier_weight: params.outlier_weight,

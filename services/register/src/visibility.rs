@@ -18,7 +18,7 @@ const SCALE: f64 = 0.5;
 const HIDDEN: f32 = 0.02;
 
 /// Prior weights per camera.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Visibility {
     triangles: Vec<[u32; 3]>,
     centres_m: Vec<[f32; 2]>,

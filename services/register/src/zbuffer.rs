@@ -7,7 +7,7 @@ use orime_geometry::{CameraModel, SheetGrid};
 pub(crate) const EMPTY: u32 = u32::MAX;
 
 /// Inverse depth and triangle per pixel.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct ZBuffer {
     camera_from_world: Isometry3<f64>,
     lens: CameraModel,

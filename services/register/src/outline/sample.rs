@@ -41,56 +41,62 @@ fn along(ends_m: [[f64; 2]; 2], spacing_m: f64) -> impl Iterator<Item = ([f64; 2
         .map(move |k| (at(k), [at(k - 1.0), at(k + 1.0)]))
 }
 
-/// The border's samples, counter-clockwise.
-pub(super) fn border(
-    sheet: &SheetGrid,
-    spacing_m: f64,
-    blender: &Blender<'_>,
-    samples: &mut Vec<Sample>,
-) {
-    let [a, b] = sheet.size_m;
-    let inside_m = INSIDE * sheet.spacing_m()[0].min(sheet.spacing_m()[1]);
-    let corners = [[0.0, 0.0], [a, 0.0], [a, b], [0.0, b], [0.0, 0.0]];
-    for ends in corners.windows(2) {
-        for (uv, [before, after]) in along([ends[0], ends[1]], spacing_m) {
-            let inward = [0, 1].map(|axis| {
-                let size = sheet.size_m[axis];
-                uv[axis].clamp(inside_m.min(size / 2.0), size - inside_m.min(size / 2.0))
-            });
-            let inside = blender.at(inward);
-            samples.push(Sample {
-                here: blender.at(uv),
-                before: blender.at(before),
-                after: blender.at(after),
-                inside: [inside; 2],
-                corner: Corner::at(sheet, uv),
-            });
-        }
-    }
+/// How a sheet is sampled.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Layout<'a> {
+    pub sheet: &'a SheetGrid,
+    /// Control points along u and v.
+    pub controls: [usize; 2],
+    /// Distance between samples, metres.
+    pub spacing_m: f64,
 }
 
-/// The samples of all creases.
-pub(super) fn creases(
-    sheet: &SheetGrid,
-    folds: &Folds,
-    spacing_m: f64,
-    blender: &Blender<'_>,
-    samples: &mut Vec<Sample>,
-) {
-    let inside_m = INSIDE * sheet.spacing_m()[0].min(sheet.spacing_m()[1]);
-    for crease in folds.creases() {
-        let d = crease.line().direction;
-        let [left, right] = crease.facets;
-        for (uv, [before, after]) in along(crease.ends_m, spacing_m) {
-            let beside =
-                |sign: f64| [uv[0] - sign * inside_m * d[1], uv[1] + sign * inside_m * d[0]];
-            samples.push(Sample {
-                here: blender.within(left, uv),
-                before: blender.within(left, before),
-                after: blender.within(left, after),
-                inside: [blender.within(left, beside(1.0)), blender.within(right, beside(-1.0))],
-                corner: Corner::at(sheet, uv),
-            });
+impl Layout<'_> {
+    /// The border's samples, counter-clockwise.
+    pub fn border(&self, blender: &Blender<'_>, samples: &mut Vec<Sample>) {
+        let Self { sheet, controls, spacing_m } = *self;
+        let [a, b] = sheet.size_m;
+        let inside_m = INSIDE * sheet.spacing_m()[0].min(sheet.spacing_m()[1]);
+        let corners = [[0.0, 0.0], [a, 0.0], [a, b], [0.0, b], [0.0, 0.0]];
+        for ends in corners.windows(2) {
+            for (uv, [before, after]) in along([ends[0], ends[1]], spacing_m) {
+                let inward = [0, 1].map(|axis| {
+                    let size = sheet.size_m[axis];
+                    uv[axis].clamp(inside_m.min(size / 2.0), size - inside_m.min(size / 2.0))
+                });
+                let inside = blender.at(inward);
+                samples.push(Sample {
+                    here: blender.at(uv),
+                    before: blender.at(before),
+                    after: blender.at(after),
+                    inside: [inside; 2],
+                    corner: Corner::at(sheet, controls, uv),
+                });
+            }
+        }
+    }
+
+    /// The samples of all creases.
+    pub fn creases(&self, folds: &Folds, blender: &Blender<'_>, samples: &mut Vec<Sample>) {
+        let Self { sheet, controls, spacing_m } = *self;
+        let inside_m = INSIDE * sheet.spacing_m()[0].min(sheet.spacing_m()[1]);
+        for crease in folds.creases() {
+            let d = crease.line().direction;
+            let [left, right] = crease.facets;
+            for (uv, [before, after]) in along(crease.ends_m, spacing_m) {
+                let beside =
+                    |sign: f64| [uv[0] - sign * inside_m * d[1], uv[1] + sign * inside_m * d[0]];
+                samples.push(Sample {
+                    here: blender.within(left, uv),
+                    before: blender.within(left, before),
+                    after: blender.within(left, after),
+                    inside: [
+                        blender.within(left, beside(1.0)),
+                        blender.within(right, beside(-1.0)),
+                    ],
+                    corner: Corner::at(sheet, controls, uv),
+                });
+            }
         }
     }
 }

@@ -31,7 +31,7 @@ pub(super) struct Silhouette {
 }
 
 /// Edgels of one camera in cells.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct View {
     color_from_world: nalgebra::Isometry3<f64>,
     rotation: Matrix3<f64>,

@@ -80,6 +80,11 @@ impl Candidates {
         }
     }
 
+    /// Σ of the pulls over all components, metres.
+    pub fn pull_sum(&self) -> [f32; 3] {
+        [&self.pull_x, &self.pull_y, &self.pull_z].map(|pull| pull.iter().sum())
+    }
+
     fn columns(&mut self) -> [&mut Vec<f32>; 10] {
         [
             &mut self.x,

@@ -8,6 +8,7 @@
 
 mod align;
 mod basis;
+mod bias;
 mod blend;
 mod expectation;
 mod features;

@@ -1,5 +1,6 @@
 //! The sheet as a Gaussian mixture: virtual nodes between the nodes, and the E-step over cells.
 
+use crate::bias::RaySums;
 use crate::blend::{Blend, Blender};
 use crate::expectation::{Candidates, expect_cell};
 use crate::visibility::Visibility;
@@ -39,6 +40,10 @@ pub(crate) struct Mixture {
     pub mass: Vec<f64>,
     /// Σ_n p·(x − y) per component, metres.
     pub pull_m: Vec<[f64; 3]>,
+    /// Camera centres, world frame, metres; empty where nobody asks.
+    pub eyes_m: Vec<[f32; 3]>,
+    /// What each camera's points said in the last E-step.
+    pub rays: Vec<RaySums>,
     lookup: Lookup,
     candidates: Candidates,
     members: Vec<u32>,
@@ -112,6 +117,8 @@ impl Mixture {
             positions_m: vec![[0.0; 3]; n],
             mass: vec![0.0; n],
             pull_m: vec![[0.0; 3]; n],
+            eyes_m: Vec::new(),
+            rays: Vec::new(),
             lookup: Lookup::default(),
             candidates: Candidates::default(),
             members: Vec::new(),
@@ -176,6 +183,8 @@ impl Mixture {
         let variance = f64::from(sigma_m).powi(2);
         let uniform = (uniform_per_m3 * (std::f64::consts::TAU * variance).powf(1.5)) as f32;
         let mut total = Expectation::default();
+        self.rays.clear();
+        self.rays.resize(self.eyes_m.len(), RaySums::default());
         for cell in &cloud.cells {
             let points = &cloud.points_m[cell.clone()];
             let (low, high) = bounds(points);
@@ -189,6 +198,7 @@ impl Mixture {
                 self.candidates.push(sub(self.positions_m[*m as usize], low), 1.0);
             }
             self.candidates.seal();
+            let mut before = [0f32; 3];
             for (camera, range) in cloud.by_camera(cell.clone()) {
                 if let Some(priors) = visibility.priors(camera) {
                     self.candidates.set_priors(self.members.iter().map(|m| priors[*m as usize]));
@@ -207,6 +217,15 @@ impl Mixture {
                 );
                 total.mass += sums.mass;
                 total.squared_m2 += sums.squared_m2;
+                if let Some(eye) = self.eyes_m.get(camera as usize) {
+                    let after = self.candidates.pull_sum();
+                    let ray = sub(low, *eye);
+                    let toward = dot(sub(after, before), ray) / norm2(ray).sqrt();
+                    let rays = &mut self.rays[camera as usize];
+                    rays.mass += sums.mass;
+                    rays.toward_m += f64::from(toward);
+                    before = after;
+                }
             }
             for (k, m) in self.members.iter().enumerate() {
                 let m = *m as usize;
@@ -345,6 +364,10 @@ pub(crate) fn bounds(points: &[[f32; 3]]) -> ([f32; 3], [f32; 3]) {
 
 fn sub(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 fn norm2(a: [f32; 3]) -> f32 {

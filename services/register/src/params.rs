@@ -23,8 +23,8 @@ pub enum RegisterMode {
 #[serde(default, deny_unknown_fields)]
 pub struct RegisterParams {
     /// What the sheet is registered to: `"cpd"` (default), its cloud and contour; or `"markers"`,
-    /// the features that `segment.markers` gives. The keys below, but for `isometry_sweeps` to
-    /// `momentum`, are for the former.
+    /// the features that `segment.markers` gives. The keys below, but for `isometry_sweeps` and
+    /// `flatness`, are for the former.
     pub mode: RegisterMode,
     /// Confidence with which nodes that no camera recognises are carried along with what is seen
     /// near them in space, in mode `"markers"`, 0 to 1: layers that lie on one another move
@@ -70,8 +70,6 @@ pub struct RegisterParams {
     /// How strongly the sheet is straightened between creases, 0 to 1: paper resists bending,
     /// cloth (0) hardly does. Default 0.5.
     pub flatness: f64,
-    /// Share of the last step's motion that the prediction continues. Default 0.8.
-    pub momentum: f64,
     /// Most points used of a cloud; more are thinned evenly. Default 2000.
     pub points_max: usize,
     /// Fewest points that can constrain the pose. Default 60.
@@ -110,7 +108,6 @@ impl Default for RegisterParams {
             modes_max: 40,
             isometry_sweeps: 10,
             flatness: 0.5,
-            momentum: 0.8,
             points_max: 2000,
             points_min: 60,
             outline_weight: 1.0,
@@ -141,7 +138,6 @@ impl RegisterParams {
             modes_max,
             isometry_sweeps,
             flatness,
-            momentum,
             points_max,
             points_min,
             outline_weight,
@@ -170,7 +166,6 @@ impl RegisterParams {
         within("modes_max", *modes_max as f64, 3.0, 400.0);
         within("isometry_sweeps", f64::from(*isometry_sweeps), 0.0, 200.0);
         within("flatness", *flatness, 0.0, 1.0);
-        within("momentum", *momentum, 0.0, 1.0);
         within("points_max", *points_max as f64, 100.0, 1e6);
         within("points_min", *points_min as f64, 3.0, *points_max as f64);
         within("outline_weight", *outline_weight, 0.0, 4.0);

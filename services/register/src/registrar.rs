@@ -2,6 +2,7 @@
 
 mod marked;
 
+use crate::bias::DepthBias;
 use crate::features::Fusion;
 use crate::first_pose;
 use crate::mixture::Cloud;
@@ -72,10 +73,9 @@ pub struct Registrar {
     tracker: Tracker,
     fusion: Fusion,
     cloud: Cloud,
+    bias: DepthBias,
     points: Vec<ObservedPoint>,
     nodes_m: Vec<[f32; 3]>,
-    /// The simulator's state one step before its newest, for the prediction.
-    before_m: Option<Vec<[f32; 3]>>,
     has_pose: bool,
     /// Share of the contour that the border has lately explained.
     outlined_usual: f64,
@@ -102,9 +102,9 @@ impl Registrar {
             sheet: sheet.clone(),
             template_m,
             cloud: Cloud::default(),
+            bias: DepthBias::default(),
             points: Vec::new(),
             nodes_m: flat,
-            before_m: None,
             has_pose: false,
             outlined_usual: 0.0,
         }
@@ -115,8 +115,8 @@ impl Registrar {
         self.has_pose = true;
     }
 
-    /// Registers one observation. `predicted_m` is the simulator's newest state (`None` before the
-    /// first pose); `targets_m` and `confidence` (one per node of the sheet) are written:
+    /// Registers one observation. `predicted_m` is where the simulator expects the nodes (`None` before
+    /// the first pose); `targets_m` and `confidence` (one per node of the sheet) are written:
     /// confidence 0 means that the node has no target.
     pub fn register(
         &mut self,
@@ -132,24 +132,36 @@ impl Registrar {
             RegisterReport { points_rejected: self.accept(observed.cloud), ..Default::default() };
         confidence.fill(0.0);
         if self.points.len() < self.params.points_min {
-            self.before_m = None; // A pause breaks the motion that would be continued.
             report.tracking = if self.has_pose { Tracking::Coasting } else { Tracking::Searching };
             return report;
         }
         if let Some(folds) = observed.folds {
             self.tracker.refold(folds);
         }
-        let points = self.points.iter().map(|p| (p.position_m, p.camera));
+        self.bias.fit_to(observed.cameras);
+        self.tracker.mixture.eyes_m.clone_from(&self.bias.eyes_m);
+        let bias = &mut self.bias;
+        let points = self.points.iter().map(|p| (bias.corrected(p), p.camera));
         self.cloud.fill(points, self.tracker.cell_m());
         self.tracker.outline.fill(observed.edgels, observed.cameras);
         let known = predicted_m.filter(|x| self.has_pose && x.len() == self.sheet.len());
         let mut tracked = None;
         if let Some(state) = known {
-            self.predict(state);
+            self.nodes_m.clear();
+            self.nodes_m.extend_from_slice(state);
             if self.params.visibility {
                 self.tracker.judge_visibility(observed.cameras, &self.nodes_m);
             }
             let fit = self.tracker.track(&self.cloud, &mut self.nodes_m);
+            if std::env::var("ORIME_NOBIAS").is_err() {
+                self.bias.learn(&self.tracker.mixture.rays);
+                if std::env::var("ORIME_DBGB").is_ok() {
+                    eprintln!(
+                        "{:.2?}",
+                        self.bias.corrections_m().iter().map(|b| b * 1e3).collect::<Vec<_>>()
+                    );
+                }
+            }
             tracked = Some((fit, self.score()));
         }
         let explained_min = self.params.explained_min;
@@ -177,7 +189,6 @@ impl Registrar {
         } else {
             Tracking::Lost
         };
-        self.before_m = known.filter(|_| !report.reset).map(<[_]>::to_vec);
         if fit.iterations > 0 {
             self.write_targets(report.reset, targets_m, confidence);
         }
@@ -192,20 +203,6 @@ impl Registrar {
         self.points.clear();
         self.points.extend(cloud.iter().filter(finite).step_by(step));
         (cloud.len() - count) as u32
-    }
-
-    /// Continues the last step's motion from the simulator's newest state.
-    fn predict(&mut self, state: &[[f32; 3]]) {
-        let momentum = self.params.momentum as f32;
-        self.nodes_m.clear();
-        match &self.before_m {
-            Some(before) => {
-                self.nodes_m.extend(state.iter().zip(before).map(|(x, old)| {
-                    [0, 1, 2].map(|axis| x[axis] + momentum * (x[axis] - old[axis]))
-                }))
-            }
-            None => self.nodes_m.extend_from_slice(state),
-        }
     }
 
     fn score(&mut self) -> Score {

@@ -1,4 +1,7 @@
-//! Edges where one facet ends against edges of another, along the facet's normal.
+//! Edges of one facet against edges of another, along the facet's normal.
+//!
+//! Where facets are flat, the edges where one of them ends are enough; where they bend, ridges
+//! meet too.
 
 use crate::gap::Gaps;
 use crate::near::Near;
@@ -16,6 +19,11 @@ const OUTSIDE: f64 = 0.02;
 const PARALLEL: f64 = 2e-3;
 /// The same in the solver, where the lengths are at most some spacings.
 const PARALLEL_SOLVED: f64 = 2e-5;
+
+/// Facets with normals nearer than this lie on each other like a stack (60°).
+const STACKED_COSINE: f64 = 0.5;
+/// Edges inside of facets that are farther apart than this are no contact, metres.
+const CLEAR_M: f64 = 5e-4;
 
 /// Two edges, of which the first has to stay on one side of the second.
 #[derive(Debug, Clone, Copy)]
@@ -56,6 +64,11 @@ pub(crate) fn find(
             let pair = Pair { gaps, near, order, f, g };
             for edge in &gaps.topology.facets[f].boundary {
                 pair.against(*edge, slack_m, local, found);
+            }
+            if f < g && poses[f].normal.dot(&poses[g].normal).abs() > STACKED_COSINE {
+                for edge in &gaps.topology.facets[f].interior {
+                    pair.against(*edge, slack_m, local, found);
+                }
             }
         }
     }
@@ -138,8 +151,9 @@ impl Pair<'_> {
             c[axis].max(d[axis]) < a[axis].min(b[axis])
                 || c[axis].min(d[axis]) > a[axis].max(b[axis])
         };
-        // Two boundaries are met from both sides: once is enough.
-        let twice = self.f > self.g && topology.ends_at(other);
+        // Two boundaries are met from both sides: once is enough. A boundary has met all.
+        let (ends, other_ends) = (topology.ends_at(edge), topology.ends_at(other));
+        let twice = if ends { self.f > self.g && other_ends } else { other_ends };
         if apart(0)
             || apart(1)
             || twice
@@ -164,6 +178,11 @@ impl Pair<'_> {
         let (mine, theirs) = ([1.0 - at_e, at_e], [1.0 - at_f, at_f]);
         let gap_m = self.gaps.between(self.f, self.g, (&[p, q], &mine), (&[r, s], &theirs));
         let sign = f64::from(self.order.sign(self.f, self.g));
+        let height_m =
+            a[2] + at_e * (b[2] - a[2]) - c[2] - at_f * (d[2] - c[2]);
+        if !ends && sign * height_m > gap_m + CLEAR_M {
+            return;
+        }
         found.push(EdgeEdge { nodes: [p, q, r, s], facet: self.g as u8, sign, gap_m });
     }
 

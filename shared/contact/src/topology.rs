@@ -23,6 +23,8 @@ pub(crate) struct FacetMesh {
     pub corner_touches: Vec<u32>,
     /// Edges of the mesh where the facet ends.
     pub boundary: Vec<u32>,
+    /// Its other edges.
+    pub interior: Vec<u32>,
     /// Numbers of its creases.
     pub creases: Vec<usize>,
 }
@@ -123,13 +125,7 @@ impl Topology {
         self.shared_crease[f * self.facets.len() + g]
     }
 
-    /// Whether the sheet or the facet ends at an edge of the mesh.
-    fn is_boundary(&self, edge: usize, facet: usize) -> bool {
-        let rim = self.mesh.sides[edge][1] == NONE;
-        self.of_edge[edge] >> facet & 1 == 1 && (rim || self.of_edge[edge] != 1 << facet)
-    }
-
-    /// Whether the facet ends here, see [`FacetMesh::boundary`].
+    /// Whether the sheet or a facet ends at an edge of the mesh.
     pub fn ends_at(&self, edge: u32) -> bool {
         let edge = edge as usize;
         self.mesh.sides[edge][1] == NONE || !self.of_edge[edge].is_power_of_two()
@@ -185,7 +181,8 @@ impl Topology {
             [-y, x, y * a[0] - x * a[1]]
         };
         let next = corners_m.iter().cycle().skip(1);
-        let edges = 0..self.mesh.edges.len();
+        let own = (0..self.mesh.edges.len()).filter(|e| self.of_edge[*e] >> facet & 1 == 1);
+        let (boundary, interior) = own.map(|e| e as u32).partition(|e| self.ends_at(*e));
         FacetMesh {
             core,
             core_mean_m,
@@ -194,7 +191,8 @@ impl Topology {
             sides: corners_m.iter().zip(next).map(side).collect(),
             corner_touches: corners_m.iter().map(touches).collect(),
             corners_m,
-            boundary: edges.filter(|e| self.is_boundary(*e, facet)).map(|e| e as u32).collect(),
+            boundary,
+            interior,
             creases: Vec::new(),
         }
     }

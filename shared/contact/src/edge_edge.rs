@@ -22,8 +22,10 @@ const PARALLEL_SOLVED: f64 = 2e-5;
 
 /// Facets with normals nearer than this lie on each other like a stack (60°).
 const STACKED_COSINE: f64 = 0.5;
-/// Edges inside of facets that are farther apart than this are no contact, metres.
-const CLEAR_M: f64 = 5e-4;
+/// Edges that are farther apart than this in the right order are no contact, metres: where one
+/// facet ends, and inside of both.
+const CLEAR_M: f64 = 2e-3;
+const CLEAR_INSIDE_M: f64 = 6e-4;
 
 /// Two edges, of which the first has to stay on one side of the second.
 #[derive(Debug, Clone, Copy)]
@@ -104,6 +106,22 @@ fn to_plane(
     slack_m
 }
 
+/// Where two segments cross in the plane, as shares of their lengths.
+fn crossing([a, b]: [[f64; 3]; 2], [c, d]: [[f64; 3]; 2]) -> Option<[f64; 2]> {
+    let (e, f) = ([b[0] - a[0], b[1] - a[1]], [d[0] - c[0], d[1] - c[1]]);
+    let det = e[0] * f[1] - e[1] * f[0];
+    let squares = (e[0] * e[0] + e[1] * e[1]) * (f[0] * f[0] + f[1] * f[1]);
+    // Phrased so that NaN does not cross.
+    if !(det * det > PARALLEL * PARALLEL * squares) {
+        return None;
+    }
+    let from = [c[0] - a[0], c[1] - a[1]];
+    let at_e = (from[0] * f[1] - from[1] * f[0]) / det;
+    let at_f = (from[0] * e[1] - from[1] * e[0]) / det;
+    let on = -OUTSIDE..=1.0 + OUTSIDE;
+    (on.contains(&at_e) && on.contains(&at_f)).then_some([at_e, at_f])
+}
+
 impl Pair<'_> {
     /// The contacts of one boundary edge of `f` with all edges of `g`.
     fn against(&self, edge: u32, slack_m: f64, local: &[[f64; 3]], found: &mut Vec<EdgeEdge>) {
@@ -121,9 +139,9 @@ impl Pair<'_> {
         let high = [0, 1].map(|axis| a[axis].max(b[axis]) + slack_m);
         let (from, to) = (topology.mesh.cell(low), topology.mesh.cell(high));
         let [rows, columns] = topology.mesh.sheet.nodes;
-        // Edges start at their lower node, which may be a cell outside of the box.
-        for i in from[0].saturating_sub(1)..=(to[0] + 1).min(rows - 1) {
-            let first = topology.mesh.sheet.index(i, from[1].saturating_sub(1));
+        // Edges that reach into these cells start at their corners.
+        for i in from[0]..=(to[0] + 1).min(rows - 1) {
+            let first = topology.mesh.sheet.index(i, from[1]);
             let last = topology.mesh.sheet.index(i, (to[1] + 1).min(columns - 1));
             let edges = topology.mesh.edges_from[first]..topology.mesh.edges_from[last + 1];
             for other in edges {
@@ -154,35 +172,21 @@ impl Pair<'_> {
         // Two boundaries are met from both sides: once is enough. A boundary has met all.
         let (ends, other_ends) = (topology.ends_at(edge), topology.ends_at(other));
         let twice = if ends { self.f > self.g && other_ends } else { other_ends };
-        if apart(0)
-            || apart(1)
-            || twice
-            || [p, q].iter().any(|n| *n == r || *n == s)
+        if apart(0) || apart(1) || twice || [p, q].iter().any(|n| *n == r || *n == s) {
+            return;
+        }
+        let Some([at_e, at_f]) = crossing([a, b], [c, d]) else { return };
+        let sign = f64::from(self.order.sign(self.f, self.g));
+        let height_m = a[2] + at_e * (b[2] - a[2]) - c[2] - at_f * (d[2] - c[2]);
+        let clear_m = if ends { CLEAR_M } else { CLEAR_INSIDE_M };
+        if sign * height_m > clear_m
             || self.is_on_crease([r, s], self.f)
             || self.is_contested(of_other, self.g, self.f)
         {
             return;
         }
-        let (e, f) = ([b[0] - a[0], b[1] - a[1]], [d[0] - c[0], d[1] - c[1]]);
-        let det = e[0] * f[1] - e[1] * f[0];
-        if !(det.abs() >= PARALLEL * e[0].hypot(e[1]) * f[0].hypot(f[1])) || det == 0.0 {
-            return;
-        }
-        let from = [c[0] - a[0], c[1] - a[1]];
-        let at_e = (from[0] * f[1] - from[1] * f[0]) / det;
-        let at_f = (from[0] * e[1] - from[1] * e[0]) / det;
-        let on = -OUTSIDE..=1.0 + OUTSIDE;
-        if !(on.contains(&at_e) && on.contains(&at_f)) {
-            return;
-        }
         let (mine, theirs) = ([1.0 - at_e, at_e], [1.0 - at_f, at_f]);
         let gap_m = self.gaps.between(self.f, self.g, (&[p, q], &mine), (&[r, s], &theirs));
-        let sign = f64::from(self.order.sign(self.f, self.g));
-        let height_m =
-            a[2] + at_e * (b[2] - a[2]) - c[2] - at_f * (d[2] - c[2]);
-        if !ends && sign * height_m > gap_m + CLEAR_M {
-            return;
-        }
         found.push(EdgeEdge { nodes: [p, q, r, s], facet: self.g as u8, sign, gap_m });
     }
 

@@ -73,8 +73,8 @@ impl Mesh {
         let h = self.sheet.spacing_m();
         [0, 1].map(|axis| {
             let last = self.sheet.nodes[axis] - 2;
-            // NaN and negatives go to 0.
-            ((uv_m[axis] / h[axis]).floor().max(0.0) as usize).min(last)
+            // The cast cuts off; NaN and negatives go to 0.
+            ((uv_m[axis] / h[axis]) as usize).min(last)
         })
     }
 

@@ -15,6 +15,8 @@ const TOUCH: f64 = 0.002;
 const RIM: f64 = 0.02;
 /// A contact that slid farther than this out of its triangle waits for the next round.
 const SLID: f64 = 0.25;
+/// Nodes that are farther away than this in the right order are no contact, metres.
+const CLEAR_M: f64 = 2e-3;
 /// Steps from triangle to triangle.
 const WALK: usize = 4;
 
@@ -49,9 +51,9 @@ pub(crate) fn find(
         }
         let Some(start) = locate(topology, f, g, over.uv_m) else { continue };
         let normal = &poses[g].normal;
-        let Some((t, weights)) = walk(topology, over, start, normal, x) else { continue };
+        let Some((t, weights, height)) = walk(topology, over, start, normal, x) else { continue };
         let triangle = topology.mesh.triangles[t];
-        if triangle.contains(&over.node) {
+        if f64::from(sign) * height > CLEAR_M || triangle.contains(&over.node) {
             continue;
         }
         let open = topology.mesh.neighbours[t].map(|s| {
@@ -115,16 +117,16 @@ fn walk(
     start: usize,
     normal: &Vector3<f64>,
     x: &[Vector3<f64>],
-) -> Option<(usize, [f64; 3])> {
+) -> Option<(usize, [f64; 3], f64)> {
     let mesh = &topology.mesh;
     let flat = 1e-5 * mesh.double_area_m2();
     let mut t = start;
     for _ in 0..WALK {
         let corners = mesh.triangles[t].map(|n| x[n as usize]);
-        let (weights, _) = below(&x[over.node as usize], &corners, normal, flat)?;
+        let (weights, height) = below(&x[over.node as usize], &corners, normal, flat)?;
         let side = (0..3).fold(0, |low, k| if weights[k] < weights[low] { k } else { low });
         if weights[side] >= -TOUCH {
-            return Some((t, weights));
+            return Some((t, weights, height));
         }
         let next = mesh.neighbours[t][side];
         let stays = next != NONE && {
@@ -132,7 +134,7 @@ fn walk(
             facets >> over.over & 1 == 1 && facets >> over.from & 1 == 0
         };
         if !stays {
-            return (weights[side] > -RIM).then_some((t, weights));
+            return (weights[side] > -RIM).then_some((t, weights, height));
         }
         t = next as usize;
     }

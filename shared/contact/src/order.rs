@@ -5,8 +5,9 @@ use crate::pose::Opening;
 use crate::topology::Topology;
 use orime_creases::{FACETS_MAX, Folds};
 
-/// A crease with a cosine below this counts as flat (25°).
-const FLAT_COSINE: f64 = -0.9;
+/// Across a crease with a cosine below this, what lies on one facet lies on the same side of the
+/// other (60°).
+const FLAT_COSINE: f64 = -0.5;
 /// Two creases with cosines above this can meet back to back (60°).
 const SHARP_COSINE: f64 = 0.5;
 /// Inward directions with a product below this are opposite.

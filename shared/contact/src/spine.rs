@@ -13,8 +13,10 @@ const OPEN_COSINE: f64 = -0.7;
 /// Nodes deeper than this in the wedge, or farther than this outside of it, are no contact, metres.
 const DEEP_M: f64 = 3e-3;
 const OUTSIDE_M: f64 = 10e-3;
-/// How far a place may lie outside of a piece of the crease, metres.
+/// How far a place may lie past the crease's end, metres: inside the sheet, and at its rim, where
+/// tips lie on tips.
 const END_M: f64 = 1e-6;
+const RIM_END_M: f64 = 1e-3;
 
 /// A place that has to stay on one side of a crease.
 #[derive(Debug, Clone, Copy)]
@@ -123,10 +125,14 @@ impl Search<'_> {
         let position = self.at(place);
         let along = |p: &Vector3<f64>| (p - first).dot(&opening.axis);
         let s = along(&position);
-        if s < -END_M {
+        let past = self.gaps.topology.creases[crease].at_rim;
+        let past_m = past.map(|rim| if rim { RIM_END_M } else { END_M });
+        if s < -past_m[0] || s > along(&self.at(spine.last()?)) + past_m[1] {
             return None;
         }
-        let piece = spine.windows(2).find(|piece| s <= along(&self.at(&piece[1])) + END_M)?;
+        let beside = |piece: &&[SpinePoint]| s <= along(&self.at(&piece[1]));
+        let mut pieces = spine.windows(2);
+        let piece = pieces.find(beside).or_else(|| spine.windows(2).next_back())?;
         let [a, b] = [&piece[0], &piece[1]].map(|p| self.at(p));
         let (from, to) = (along(&a), along(&b));
         let t = ((s - from) / (to - from).max(1e-12)).clamp(0.0, 1.0);

@@ -52,6 +52,8 @@ pub(crate) struct CreaseMesh {
     pub ends_m: [[f64; 2]; 2],
     /// Unit direction from the first end to the second, material.
     pub direction: [f64; 2],
+    /// Whether each end lies at the sheet's rim.
+    pub at_rim: [bool; 2],
     /// From the first end to the second.
     pub spine: Vec<SpinePoint>,
 }
@@ -212,9 +214,15 @@ impl Topology {
                 facets: crease.facets,
                 ends_m: crease.ends_m,
                 direction: crease.line().direction,
+                at_rim: crease.ends_m.map(|end| self.is_at_rim(end)),
                 spine: self.spine(crease.ends_m),
             });
         }
+    }
+
+    fn is_at_rim(&self, uv_m: [f64; 2]) -> bool {
+        let size_m = self.mesh.sheet.size_m;
+        (0..2).any(|axis| uv_m[axis] < SAME_M || uv_m[axis] > size_m[axis] - SAME_M)
     }
 
     /// Nodes on a crease, and where it cuts edges.

@@ -87,7 +87,8 @@ impl Order {
     }
 }
 
-/// A pair that does not overlap takes the order of a neighbour across a flat crease that does.
+/// A pair that does not overlap goes by a neighbour that does: across a flat crease it takes the
+/// neighbour's order; across a sharper one that says otherwise nothing is known.
 fn effective(
     topology: &Topology,
     folds: &Folds,
@@ -95,21 +96,22 @@ fn effective(
     openings: &[Opening],
     [f, g]: [usize; 2],
 ) -> i8 {
-    let mut sign = folds.order(f, g);
+    let own = folds.order(f, g);
     if f == g || near.overlap(f, g) > 0 {
-        return sign;
+        return own;
     }
+    let mut sign = own;
     let mut most = 0;
     for (mine, theirs) in [(f, g), (g, f)] {
         for crease in &topology.facets[mine].creases {
-            if openings[*crease].cosine >= FLAT_COSINE {
-                continue;
-            }
             let [left, right] = topology.creases[*crease].facets;
             let other = if left == mine { right } else { left };
-            if other != theirs && near.overlap(other, theirs) > most {
-                most = near.overlap(other, theirs);
-                sign = if mine == f { folds.order(other, g) } else { folds.order(f, other) };
+            let overlap = if other == theirs { 0 } else { near.overlap(other, theirs) };
+            let flat = openings[*crease].cosine < FLAT_COSINE;
+            let theirs = if mine == f { folds.order(other, g) } else { folds.order(f, other) };
+            if overlap > most && (flat || own != theirs) {
+                most = overlap;
+                sign = if flat { theirs } else { 0 };
             }
         }
     }

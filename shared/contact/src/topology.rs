@@ -73,6 +73,9 @@ pub(crate) struct Topology {
     pub of_edge: Vec<u32>,
     /// Whether a crease cuts the edge between its ends: folded, its chord is shorter.
     pub cut: Vec<bool>,
+    /// Pairs of nodes two steps apart in one facet, and their rest lengths, metres: they keep it
+    /// flat.
+    pub skips: Vec<([u32; 2], f64)>,
     /// Distance of node `n` from crease `c`, metres, at `c·nodes + n`.
     crease_distance_m: Vec<f32>,
     /// Distance of node `n` from vertex `k`, metres, at `k·nodes + n`.
@@ -92,6 +95,7 @@ impl Topology {
             of_triangle: Vec::new(),
             of_edge: Vec::new(),
             cut: Vec::new(),
+            skips: Vec::new(),
             facets: Vec::new(),
             creases: Vec::new(),
             crease_distance_m: Vec::new(),
@@ -106,6 +110,7 @@ impl Topology {
             }
         }
         topology.own_triangles(folds);
+        topology.own_skips();
         topology.facets = (0..count).map(|facet| topology.facet(folds, facet)).collect();
         topology.own_creases(folds);
         topology.own_vertices();
@@ -156,6 +161,29 @@ impl Topology {
         let side = |t: u32| if t == NONE { 0 } else { self.of_triangle[t as usize] };
         self.of_edge = sides.map(|[s, t]| side(*s) | side(*t)).collect();
         self.cut = mesh.edges.iter().map(|edge| of(edge).0 == 0).collect();
+    }
+
+    fn own_skips(&mut self) {
+        let sheet = &self.mesh.sheet;
+        let [rows, columns] = sheet.nodes;
+        let steps_m = sheet.spacing_m();
+        for i in 0..rows {
+            for j in 0..columns {
+                for (axis, [di, dj]) in [[1, 0], [0, 1]].into_iter().enumerate() {
+                    let [ki, kj] = [i + 2 * di, j + 2 * dj];
+                    if ki >= rows || kj >= columns {
+                        continue;
+                    }
+                    let nodes = [[i, j], [i + di, j + dj], [ki, kj]];
+                    let nodes = nodes.map(|[i, j]| sheet.index(i, j) as u32);
+                    let facets =
+                        nodes.iter().fold(u32::MAX, |all, n| all & self.of_node[*n as usize]);
+                    if facets != 0 {
+                        self.skips.push(([nodes[0], nodes[2]], 2.0 * steps_m[axis]));
+                    }
+                }
+            }
+        }
     }
 
     fn facet(&self, folds: &Folds, facet: usize) -> FacetMesh {

@@ -87,7 +87,7 @@ fn to_plane(
 ) -> f64 {
     let mut slack_m = 0f64;
     for facet in facets {
-        for node in &topology.facets[facet].members {
+        for (node, _) in &topology.facets[facet].core {
             let ([u, v], height) = pose.local_m(&x[*node as usize]);
             local[*node as usize] = [u, v, height];
         }
@@ -99,7 +99,7 @@ fn to_plane(
             }
         }
     }
-    for node in &topology.facets[facets[1]].members {
+    for (node, _) in &topology.facets[facets[1]].core {
         let ([u, v], [a, b, _]) = (topology.mesh.uv_m[*node as usize], local[*node as usize]);
         slack_m = slack_m.max((u - a).abs()).max((v - b).abs());
     }

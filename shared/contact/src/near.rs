@@ -94,7 +94,7 @@ impl Near {
         [f, g]: [usize; 2],
     ) {
         let facet = &topology.facets[g];
-        for node in &topology.facets[f].members {
+        for (node, _) in &topology.facets[f].core {
             let facets = topology.of_node[*node as usize];
             if facets >> g & 1 == 1 {
                 continue;

@@ -73,7 +73,7 @@ impl Search<'_> {
             {
                 continue;
             }
-            for node in &facet.members {
+            for (node, _) in &facet.core {
                 let facets = topology.of_node[*node as usize];
                 let own = facets >> left & 1 == 1 || facets >> right & 1 == 1;
                 if own

@@ -5,17 +5,17 @@ use orime_creases::{Facet, Folds};
 
 /// Nearer than this material points are one, metres.
 const SAME_M: f64 = 1e-6;
+/// A node nearer than this share of the spacing to a crease lies on it, and is of both sides.
+const ON_CREASE: f64 = 0.01;
 
 /// What is known of one facet.
 #[derive(Debug, Clone)]
 pub(crate) struct FacetMesh {
-    /// Nodes inside, those on creases included, with (u, v) from their mean: the pose's fit.
+    /// Its nodes, those on creases included, with (u, v) from their mean.
     pub core: Vec<(u32, [f64; 2])>,
     pub core_mean_m: [f64; 2],
     /// Root mean square distance of the core from its mean, metres.
     pub core_radius_m: f64,
-    /// All nodes that count as the facet's.
-    pub members: Vec<u32>,
     /// Half planes a·u + b·v + c ≥ 0, metres.
     pub sides: Vec<[f64; 3]>,
     pub corners_m: Vec<[f64; 2]>,
@@ -63,6 +63,7 @@ pub(crate) struct CreaseMesh {
 pub(crate) struct Topology {
     pub mesh: Mesh,
     pub shape: Vec<Facet>,
+    on_crease_m: f64,
     pub facets: Vec<FacetMesh>,
     pub creases: Vec<CreaseMesh>,
     /// Facets of each node, one bit each.
@@ -91,6 +92,8 @@ impl Topology {
         let count = folds.facets().len();
         let mut topology = Self {
             shape: folds.facets().to_vec(),
+            on_crease_m: ON_CREASE
+                * mesh.sheet.spacing_m().into_iter().fold(f64::INFINITY, f64::min),
             of_node: vec![0; mesh.uv_m.len()],
             of_triangle: Vec::new(),
             of_edge: Vec::new(),
@@ -104,10 +107,9 @@ impl Topology {
             shared_crease: vec![None; count * count],
             mesh,
         };
-        for facet in 0..count {
-            for node in folds.members(facet) {
-                topology.of_node[*node as usize] |= 1 << facet;
-            }
+        for (uv_m, facets) in topology.mesh.uv_m.iter().zip(&mut topology.of_node) {
+            let inside = |f: &usize| folds.facets()[*f].inside_m(*uv_m) > -topology.on_crease_m;
+            *facets = (0..count).filter(inside).fold(0, |mask, f| mask | 1 << f);
         }
         topology.own_triangles(folds);
         topology.own_skips();
@@ -187,18 +189,16 @@ impl Topology {
     }
 
     fn facet(&self, folds: &Folds, facet: usize) -> FacetMesh {
-        let shape = &folds.facets()[facet];
+        let corners_m = folds.facets()[facet].corners_m.clone();
         let uv = &self.mesh.uv_m;
-        let members = folds.members(facet).to_vec();
-        let inside = |n: &&u32| shape.inside_m(uv[**n as usize]) >= -SAME_M;
-        let core: Vec<u32> = members.iter().filter(inside).copied().collect();
+        let core = (0..uv.len()).filter(|n| self.of_node[*n] >> facet & 1 == 1);
+        let core: Vec<u32> = core.map(|n| n as u32).collect();
         let share = 1.0 / core.len().max(1) as f64;
         let core_mean_m =
             [0, 1].map(|axis| core.iter().map(|n| uv[*n as usize][axis] * share).sum());
         let centred = |n: u32| [0, 1].map(|axis| uv[n as usize][axis] - core_mean_m[axis]);
         let core: Vec<(u32, [f64; 2])> = core.into_iter().map(|n| (n, centred(n))).collect();
         let radius2 = core.iter().map(|(_, [u, v])| (u * u + v * v) * share).sum::<f64>();
-        let corners_m = shape.corners_m.clone();
         let touches = |corner: &[f64; 2]| {
             let touched = folds.facets().iter().enumerate();
             let touched = touched.filter(|(_, other)| other.inside_m(*corner).abs() < SAME_M);
@@ -217,7 +217,6 @@ impl Topology {
             core,
             core_mean_m,
             core_radius_m: radius2.sqrt(),
-            members,
             sides: corners_m.iter().zip(next).map(side).collect(),
             corner_touches: corners_m.iter().map(touches).collect(),
             corners_m,
@@ -260,17 +259,17 @@ impl Topology {
         let d = d.map(|d| d / length);
         let along = |p: [f64; 2]| (p[0] - a[0]) * d[0] + (p[1] - a[1]) * d[1];
         let side = |p: [f64; 2]| (p[1] - a[1]) * d[0] - (p[0] - a[0]) * d[1];
-        let within = |s: f64| -SAME_M < s && s < length + SAME_M;
+        let within = |s: f64| -self.on_crease_m < s && s < length + self.on_crease_m;
         let mut spine = Vec::new();
         for (n, p) in self.mesh.uv_m.iter().enumerate() {
-            if side(*p).abs() < SAME_M && within(along(*p)) {
+            if side(*p).abs() < self.on_crease_m && within(along(*p)) {
                 spine.push(SpinePoint { nodes: [n as u32; 2], t: 0.0, along_m: along(*p) });
             }
         }
         for nodes in &self.mesh.edges {
             let [p, q] = nodes.map(|n| self.mesh.uv_m[n as usize]);
             let (from, to) = (side(p), side(q));
-            if from * to >= 0.0 || from.abs().min(to.abs()) < SAME_M {
+            if from * to >= 0.0 || from.abs().min(to.abs()) < self.on_crease_m {
                 continue;
             }
             let t = from / (from - to);

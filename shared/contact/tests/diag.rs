@@ -23,6 +23,12 @@ fn diag() {
     let sequence = match name.as_str() {
         "square" => Sequence::square_base(paper()).unwrap(),
         "blintz" => Sequence::blintz(paper()).unwrap(),
+        "oblique" => Sequence::half_fold(
+            paper(),
+            orime_origami::FoldLine { point_m: [0.08, 0.07], angle_rad: 1.1 },
+            orime_origami::Timing::default(),
+        )
+        .unwrap(),
         "gate" => Sequence::gate_fold(paper()).unwrap(),
         _ => Sequence::accordion(paper()).unwrap(),
     };

@@ -81,6 +81,12 @@ impl Scene {
 }
 
 impl Scene {
+    /// Whether no facet has both points.
+    pub fn is_cut(&self, a: [f64; 2], b: [f64; 2]) -> bool {
+        let has = |f: &Facet, p| f.inside_m(p) > -1e-6;
+        !self.folds.facets().iter().any(|f| has(f, a) && has(f, b))
+    }
+
     /// Sweeps over the mesh's edges: paper that is disturbed keeps its lengths.
     fn unstretch(&self, x: &mut [[f32; 3]]) {
         let uv: Vec<[f64; 2]> = self.sheet.uv_m().collect();
@@ -90,7 +96,10 @@ impl Scene {
                     let rest = (uv[a][0] - uv[b][0]).hypot(uv[a][1] - uv[b][1]) as f32;
                     let d = [0, 1, 2].map(|k| x[b][k] - x[a][k]);
                     let length = d.iter().map(|d| d * d).sum::<f32>().sqrt();
-                    let pull = 0.5 * (length - rest) / length;
+                    // An edge that a crease cuts is shorter when folded.
+                    let cut = self.is_cut(uv[a], uv[b]);
+                    let excess = if cut { (length - rest).max(0.0) } else { length - rest };
+                    let pull = 0.5 * excess / length;
                     for k in 0..3 {
                         x[a][k] += pull * d[k];
                         x[b][k] -= pull * d[k];

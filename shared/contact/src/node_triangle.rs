@@ -1,0 +1,209 @@
+//! Nodes of one facet against triangles of another, along the facet's normal.
+
+use crate::gap::Gaps;
+use crate::mesh::NONE;
+use crate::near::{Near, Over};
+use crate::order::Order;
+use crate::pose::Pose;
+use crate::push::{Worst, weighted_push};
+use crate::topology::Topology;
+use nalgebra::Vector3;
+
+/// A place this far outside a triangle still counts as on it, barycentric.
+const TOUCH: f64 = 0.002;
+/// The same, at the sheet's or the facet's end.
+const RIM: f64 = 0.02;
+/// A contact that slid farther than this out of its triangle waits for the next round.
+const SLID: f64 = 0.25;
+/// Nodes that are farther away than this in the right order are no contact, metres.
+const CLEAR_M: f64 = 2e-3;
+/// Steps from triangle to triangle.
+const WALK: usize = 4;
+
+/// A node that has to stay on one side of a triangle.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct NodeTriangle {
+    node: u32,
+    triangle: [u32; 3],
+    facet: u8,
+    sign: f64,
+    gap_m: f64,
+    /// Smallest barycentric weights.
+    outside: [f64; 3],
+}
+
+/// Fills `found` with the contacts of a round.
+pub(crate) fn find(
+    found: &mut Vec<NodeTriangle>,
+    gaps: &Gaps,
+    near: &Near,
+    order: &Order,
+    poses: &[Pose],
+    x: &[Vector3<f64>],
+) {
+    found.clear();
+    let topology = gaps.topology;
+    for over in &near.over {
+        let (f, g) = (usize::from(over.from), usize::from(over.over));
+        let sign = order.sign(f, g);
+        if sign == 0 || is_contested(topology, near, order, over) {
+            continue;
+        }
+        let Some(start) = locate(topology, f, g, over.uv_m) else { continue };
+        let normal = &poses[g].normal;
+        let Some((t, weights, height)) = walk(topology, over, start, normal, x) else { continue };
+        let triangle = topology.mesh.triangles[t];
+        if f64::from(sign) * height > CLEAR_M || triangle.contains(&over.node) {
+            continue;
+        }
+        let open = topology.mesh.neighbours[t].map(|s| {
+            let same = s != NONE && topology.of_triangle[s as usize] >> g & 1 == 1;
+            if same { -SLID } else { -RIM }
+        });
+        let gap_m = gaps.between(f, g, (&[over.node], &[1.0]), (&triangle, &weights));
+        found.push(NodeTriangle {
+            node: over.node,
+            triangle,
+            facet: over.over,
+            sign: f64::from(sign),
+            gap_m,
+            outside: open,
+        });
+    }
+}
+
+/// A node on a crease belongs to two facets: it takes the side of the one that overlaps more.
+fn is_contested(topology: &Topology, near: &Near, order: &Order, over: &Over) -> bool {
+    let (f, g) = (usize::from(over.from), usize::from(over.over));
+    let mut others = topology.of_node[over.node as usize] & !(1 << f);
+    while others != 0 {
+        let other = others.trailing_zeros() as usize;
+        others &= others - 1;
+        let sign = order.sign(other, g);
+        let own = near.overlap_of(f, g);
+        if sign != 0 && sign != order.sign(f, g) && near.overlap_of(other, g) >= own {
+            return true;
+        }
+    }
+    false
+}
+
+/// The triangle of facet `g` that holds a material point best; none that facet `f` owns too.
+fn locate(topology: &Topology, f: usize, g: usize, uv_m: [f64; 2]) -> Option<usize> {
+    let mesh = &topology.mesh;
+    let [i, j] = mesh.cell(uv_m);
+    let mut best = (f64::NEG_INFINITY, None);
+    for i in i.saturating_sub(1)..=(i + 1).min(mesh.sheet.nodes[0] - 2) {
+        for j in j.saturating_sub(1)..=(j + 1).min(mesh.sheet.nodes[1] - 2) {
+            for t in mesh.triangles_of([i, j]) {
+                let facets = topology.of_triangle[t];
+                if facets >> g & 1 == 0 || facets >> f & 1 == 1 {
+                    continue;
+                }
+                let inside = mesh.weights(t, uv_m).into_iter().fold(f64::INFINITY, f64::min);
+                if inside > best.0 {
+                    best = (inside, Some(t));
+                }
+            }
+        }
+    }
+    best.1
+}
+
+/// From triangle to triangle of the facet to the one below the node.
+fn walk(
+    topology: &Topology,
+    over: &Over,
+    start: usize,
+    normal: &Vector3<f64>,
+    x: &[Vector3<f64>],
+) -> Option<(usize, [f64; 3], f64)> {
+    let mesh = &topology.mesh;
+    let flat = 1e-5 * mesh.double_area_m2();
+    let mut t = start;
+    for _ in 0..WALK {
+        let corners = mesh.triangles[t].map(|n| x[n as usize]);
+        let (weights, height) = below(&x[over.node as usize], &corners, normal, flat)?;
+        let side = (0..3).fold(0, |low, k| if weights[k] < weights[low] { k } else { low });
+        if weights[side] >= -TOUCH {
+            return Some((t, weights, height));
+        }
+        let next = mesh.neighbours[t][side];
+        let stays = next != NONE && {
+            let facets = topology.of_triangle[next as usize];
+            facets >> over.over & 1 == 1 && facets >> over.from & 1 == 0
+        };
+        if !stays {
+            return (weights[side] > -RIM).then_some((t, weights, height));
+        }
+        t = next as usize;
+    }
+    None
+}
+
+/// Weights of the point of a triangle that lies below `p` along `normal`, and the height above it.
+fn below(
+    p: &Vector3<f64>,
+    [a, b, c]: &[Vector3<f64>; 3],
+    normal: &Vector3<f64>,
+    flat_m2: f64,
+) -> Option<([f64; 3], f64)> {
+    // p − h·n = a + v·e + w·f
+    let (e, f, r) = (b - a, c - a, p - a);
+    let across = f.cross(normal);
+    let det = e.dot(&across);
+    // Phrased so that NaN is no contact.
+    if !(det.abs() > flat_m2) {
+        return None;
+    }
+    let v = r.dot(&across) / det;
+    let w = e.dot(&r.cross(normal)) / det;
+    let height = e.cross(&f).dot(&r) / det;
+    Some(([1.0 - v - w, v, w], height))
+}
+
+impl NodeTriangle {
+    /// Pushes node and triangle apart where they are nearer than their gap.
+    pub fn solve(
+        &self,
+        x: &mut [Vector3<f64>],
+        mobility: &[f64],
+        poses: &[Pose],
+        flat_m2: f64,
+        worst: &mut Worst,
+    ) {
+        let normal = &poses[usize::from(self.facet)].normal;
+        let corners = self.triangle.map(|n| x[n as usize]);
+        let point = x[self.node as usize];
+        let Some((weights, height)) = below(&point, &corners, normal, flat_m2) else { return };
+        if weights.iter().zip(&self.outside).any(|(w, low)| w < low) {
+            return;
+        }
+        let height_m = self.sign * height;
+        if height_m >= self.gap_m {
+            return;
+        }
+        worst.note(self.gap_m, height_m);
+        let [a, b, c] = self.triangle;
+        let nodes = [self.node, a, b, c];
+        let [u, v, w] = weights;
+        let push = normal * (self.sign * (self.gap_m - height_m));
+        weighted_push(x, mobility, &nodes, &[1.0, -u, -v, -w], push);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_height_is_measured_along_the_normal() {
+        let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]].map(Vector3::from);
+        let normal = Vector3::new(0.6, 0.0, 0.8);
+        let (weights, height) =
+            below(&Vector3::new(0.8, 0.25, 0.4), &corners, &normal, 1e-9).unwrap();
+        assert!((height - 0.5).abs() < 1e-12); // 0.4 / 0.8; the foot is 0.8 − 0.5·0.6 = 0.5.
+        assert!((weights[1] - 0.5).abs() < 1e-12 && (weights[2] - 0.25).abs() < 1e-12);
+        assert!(below(&Vector3::x(), &corners, &Vector3::x(), 1e-9).is_none());
+    }
+}

@@ -17,8 +17,8 @@ mod tree;
 
 use crate::folds::Folds;
 use crate::line::Line;
-use crate::params::CreaseConfig;
-use candidates::{Candidates, REACH, bends, middle};
+use crate::params::{CreaseConfig, CreaseParams};
+use candidates::{Candidate, FLATNESS, Judge, REACH, View, bends, step_evidence};
 use estimate::Estimate;
 use hinge::{Hinge, Window};
 use nodes::Nodes;
@@ -27,12 +27,6 @@ use tree::{Cut, Side, Tree};
 
 /// Directions that are searched, over half a turn.
 const DIRECTIONS: usize = 36;
-/// Most candidates of a facet.
-const PENDING_MAX: usize = 16;
-/// What a miss takes from a candidate, hits.
-const MISS: f64 = 0.5;
-/// How near a candidate must be to be the same: radians, spacings.
-const SAME: (f64, f64) = (0.2, 1.2);
 /// Least width of both parts of a split, spacings, and least weight of their nodes.
 const PART_MIN: (f64, f64) = (1.2, 6.0);
 /// A published line follows its estimate where their distance in the sheet exceeds this, spacings.
@@ -42,24 +36,16 @@ const UNDO: (u32, f64, f64) = (20, 10.0, 45.0);
 /// Creases whose line is measured in one step.
 const MEASURED_MAX: usize = 3;
 
-/// A crease that may come.
-#[derive(Debug, Clone, Copy)]
-struct Pending {
-    hinge: Hinge,
-    hits: f64,
-    seen: bool,
-}
-
 /// Finds lines.
 #[derive(Debug, Clone)]
 pub(crate) struct LineFinder {
     config: CreaseConfig,
     nodes: Nodes,
     tree: Tree,
-    candidates: Candidates,
+    judge: Judge,
     /// Nodes and candidates of each facet.
     members: Vec<Vec<u32>>,
-    pending: Vec<Vec<Pending>>,
+    candidates: Vec<Vec<Candidate>>,
     next_crease: usize,
 }
 
@@ -70,9 +56,9 @@ impl LineFinder {
             config: config.clone(),
             nodes: Nodes::new(sheet),
             tree: Tree::new(sheet),
-            candidates: Candidates::new(sheet.len(), DIRECTIONS),
+            judge: Judge::new(sheet.len(), DIRECTIONS),
             members: vec![Vec::new(); facets_max],
-            pending: vec![Vec::with_capacity(PENDING_MAX); facets_max],
+            candidates: (0..facets_max).map(|_| Judge::candidates()).collect(),
             next_crease: 0,
         };
         finder.reset(&Folds::flat(sheet));
@@ -82,7 +68,7 @@ impl LineFinder {
     /// Forgets everything.
     pub fn reset(&mut self, flat: &Folds) {
         self.tree.clear();
-        self.pending.iter_mut().for_each(Vec::clear);
+        self.candidates.iter_mut().for_each(Vec::clear);
         self.next_crease = 0;
         self.list_members(flat);
     }
@@ -112,37 +98,28 @@ impl LineFinder {
             let cut = tree.between(crease.facets[0], crease.facets[1])?;
             Some((crease.line(), tree.cuts[cut].sign))
         });
-        let members = &self.members[facet];
-        self.candidates.judge(&self.nodes, members, known, &self.config.params);
-        let pending = &mut self.pending[facet];
-        pending.iter_mut().for_each(|p| p.seen = false);
-        for hinge in &self.candidates.accepted {
-            let h_m = self.nodes.h_m;
-            let known = pending.iter_mut().find(|p| !p.seen && same(&p.hinge, hinge, h_m));
-            if let Some(p) = known {
-                *p = Pending { hinge: *hinge, hits: p.hits + 1.0, seen: true };
-            } else if pending.len() < PENDING_MAX {
-                pending.push(Pending { hinge: *hinge, hits: 1.0, seen: true });
-            }
-        }
-        pending.retain_mut(|p| {
-            p.hits -= if p.seen { 0.0 } else { 1.0 + MISS };
-            p.hits > 0.0
-        });
+        let view = View {
+            nodes: &self.nodes,
+            members: &self.members[facet],
+            facet: &folds.facets()[facet],
+            params: &self.config.params,
+        };
+        self.judge.judge(&view, known, &mut self.candidates[facet]);
     }
 
     /// Splits a facet along all candidates that were seen often enough, the sharpest first.
     fn split_where_sure(&mut self, folds: &mut Folds, facet: usize) -> bool {
-        let hits = f64::from(self.config.params.hits);
+        let CreaseParams { hits, evidence, .. } = self.config.params;
         let before = folds.facets().len();
         while let Some(at) = {
-            let sure = self.pending[facet].iter().enumerate().filter(|(_, p)| p.hits >= hits);
-            let sharper = |a: &Hinge, b: &Hinge| a.angle_rad.total_cmp(&b.angle_rad);
-            sure.max_by(|(_, a), (_, b)| sharper(&a.hinge, &b.hinge)).map(|(at, _)| at)
+            let sure = self.candidates[facet].iter().enumerate();
+            let sure = sure.filter(|(_, c)| c.hits >= hits && c.evidence >= evidence);
+            sure.max_by(|(_, a), (_, b)| a.hinge.angle_rad.total_cmp(&b.hinge.angle_rad))
+                .map(|(at, _)| at)
         } {
-            let hinge = self.pending[facet].swap_remove(at).hinge;
+            let hinge = self.candidates[facet].swap_remove(at).hinge;
             // Earlier splits of this step may have put it into another part.
-            let part = folds.facet_at(middle(&hinge));
+            let part = folds.facet_at(hinge.middle_m());
             if (part == facet || part >= before) && self.is_wide(folds, part, &hinge.line) {
                 self.split(folds, part, &hinge);
             }
@@ -184,7 +161,7 @@ impl LineFinder {
             self.next_crease = (self.next_crease + 1) % count;
             let [f, g] = folds.creases()[self.next_crease].facets;
             if let Some(cut) = self.tree.between(f, g) {
-                self.measure_crease(cut, f, g);
+                self.measure_crease(folds, cut, f, g);
             }
         }
         let h_m = self.nodes.h_m;
@@ -200,7 +177,7 @@ impl LineFinder {
         count > 0 && is_off(folds, &self.tree) && self.publish(folds)
     }
 
-    fn measure_crease(&mut self, cut: usize, f: usize, g: usize) {
+    fn measure_crease(&mut self, folds: &Folds, cut: usize, f: usize, g: usize) {
         let h_m = self.nodes.h_m;
         let line = self.tree.cuts[cut].estimate.best();
         let members = [f, g].map(|facet| &self.members[facet]);
@@ -210,17 +187,22 @@ impl LineFinder {
             let reach = &mut reach_m[usize::from(side_m > 0.0)];
             *reach = reach.max(side_m.abs() + 0.01 * h_m);
         }
-        let window = Window { line, reach_m: reach_m.map(|r| r.min(REACH * h_m)) };
+        let Some(ends_m) = folds.creases().iter().find(|c| c.facets == [f, g]).map(|c| c.ends_m)
+        else {
+            return;
+        };
+        let piece = strip(ends_m, 4.0 * h_m);
+        let window = Window { line, reach_m: reach_m.map(|r| r.min(REACH * h_m)), piece: &piece };
         let both = members[0].iter().chain(members[1]).copied();
         let bends = bends(&self.config.params, h_m);
-        let Some(hinge) = self.candidates.fitter.fit(&self.nodes, both, window, 2, bends) else {
+        let Some(hinge) = self.judge.fitter.fit(&self.nodes, both, window, 2, bends) else {
             return;
         };
         let known = &mut self.tree.cuts[cut];
         known.angle_max_rad = known.angle_max_rad.max(hinge.angle_rad);
         let flat = hinge.angle_rad < UNDO.1.to_radians();
         known.unfolded = if flat { known.unfolded + 1 } else { 0 };
-        if !flat && hinge.kink_m2 < hinge.smooth_m2 {
+        if !flat && hinge.narrow_m2 < hinge.wide_m2 {
             known.estimate.measure(&hinge, h_m);
         }
     }
@@ -248,7 +230,7 @@ impl LineFinder {
         let Some(from) = self.tree.join(cut) else { return false };
         let Some(facets) = self.tree.facets() else { return false };
         folds.retile(facets, &from);
-        self.pending.iter_mut().for_each(Vec::clear);
+        self.candidates.iter_mut().for_each(Vec::clear);
         self.list_members(folds);
         true
     }
@@ -261,9 +243,11 @@ impl LineFinder {
     }
 }
 
-/// Whether two fits are of one crease.
-fn same(a: &Hinge, b: &Hinge, h_m: f64) -> bool {
-    let turn =
-        a.line.direction[0] * b.line.direction[1] - a.line.direction[1] * b.line.direction[0];
-    turn.abs() < SAME.0 && a.line.side_m(middle(b)).abs() < SAME.1 * h_m
+/// A rectangle along a crease, `2 · half_m` wide.
+fn strip([a, b]: [[f64; 2]; 2], half_m: f64) -> [[f64; 2]; 4] {
+    let d = Line::through(a, b).direction;
+    let at = |p: [f64; 2], sign: f64| {
+        [p[0] - sign * half_m * d[1], p[1] + sign * half_m * d[0]]
+    };
+    [at(a, -1.0), at(b, -1.0), at(b, 1.0), at(a, 1.0)]
 }

@@ -28,12 +28,12 @@ pub struct CreaseParams {
     /// Smallest fold angle that makes a crease, degrees. Lower values free a crease earlier and
     /// mistake more bends for one. Default 12.
     pub angle_min_deg: f64,
-    /// Successive hits that make a crease. More are surer and later. Default 3.
+    /// Steps in which it must look like a fold. More are surer and later. Default 2.
     pub hits: u32,
-    /// Log-likelihood by which a kink must beat a smooth bend, and by which a wide arc may beat a
-    /// kink. Default 10.
+    /// Log-likelihood ratio by which a narrow bend must beat wide and smooth ones, summed over
+    /// steps. Higher values are surer and later. Default 10.
     pub evidence: f64,
-    /// Bends narrower than this many spacings count as creases. Default 2.
+    /// Bends narrower than this many spacings count as creases. Default 3.
     pub bend_width: f64,
     /// Ends of a crease that lie nearer than this many spacings to a landmark (corner or middle of
     /// a facet's side, end of another crease) are put there; 0 snaps nothing. Default 0.
@@ -50,9 +50,9 @@ impl Default for CreaseParams {
         Self {
             mode: CreaseMode::Lines,
             angle_min_deg: 12.0,
-            hits: 3,
+            hits: 2,
             evidence: 10.0,
-            bend_width: 2.0,
+            bend_width: 3.0,
             snap: 0.0,
             facets_max: FACETS_MAX,
             plan: Vec::new(),

@@ -10,6 +10,8 @@ use crate::line::Line;
 const MEMORY: f64 = 0.995;
 /// Share of a fit's information in its offset: what [1, s, t, |s|] leave of sgn s.
 const OFFSET_SHARE: f64 = 0.25;
+/// Noise below this many spacings does not make a fit better.
+const FLOOR: f64 = 0.02;
 /// Farthest measurement that is believed, spacings.
 const OFFSET_MAX: f64 = 1.5;
 /// Steepest, radians.
@@ -52,7 +54,7 @@ impl Estimate {
         if off_m.abs() > OFFSET_MAX * h_m || (slope - now_slope).abs() > SLOPE_MAX {
             return false;
         }
-        let noise_m2 = (hinge.kink_m2 / (3.0 * hinge.weight)).max((0.02 * h_m).powi(2));
+        let noise_m2 = hinge.noise_m2(FLOOR * h_m);
         let sine = (0.5 * hinge.angle_rad).sin();
         let w = OFFSET_SHARE * hinge.weight * sine * sine / noise_m2;
         let seen = [w, w * at_m, w * (at_m * at_m + variance_m2)];
@@ -81,7 +83,7 @@ impl Estimate {
 
     /// Standard deviation of the line's offset at a material point, metres.
     pub fn deviation_m(&self, uv_m: [f64; 2]) -> f64 {
-        let t = along(&self.base, uv_m);
+        let t = self.base.along_m(uv_m);
         let det = self.a[0] * self.a[2] - self.a[1] * self.a[1];
         if det <= 0.0 {
             return f64::INFINITY;
@@ -102,9 +104,7 @@ impl Estimate {
 
     /// Mean and variance of the fit's nodes along the base line.
     fn along(&self, hinge: &Hinge) -> [f64; 2] {
-        let d = hinge.line.direction;
-        let middle = [0, 1].map(|k| hinge.line.point_m[k] + hinge.along[0] * d[k]);
-        [along(&self.base, middle), hinge.along[1]]
+        [self.base.along_m(hinge.middle_m()), hinge.along[1]]
     }
 
     /// Offset of a line from the base at distance `at_m` along it, and its slope.
@@ -114,12 +114,6 @@ impl Estimate {
         let cos = d[0] * line.direction[0] + d[1] * line.direction[1];
         let slope = if cos.abs() < 1e-6 { f64::INFINITY } else { turn / cos };
         let offset_m = self.base.side_m(line.point_m);
-        (offset_m + slope * (at_m - along(&self.base, line.point_m)), slope)
+        (offset_m + slope * (at_m - self.base.along_m(line.point_m)), slope)
     }
-}
-
-/// Distance of a point along a line, metres.
-fn along(line: &Line, uv_m: [f64; 2]) -> f64 {
-    (uv_m[0] - line.point_m[0]) * line.direction[0]
-        + (uv_m[1] - line.point_m[1]) * line.direction[1]
 }

@@ -9,6 +9,7 @@
 mod contact;
 mod effect;
 mod grips;
+mod model;
 mod params;
 mod simulator;
 mod solver;
@@ -16,6 +17,7 @@ mod solver;
 pub use contact::{ContactPass, Part};
 pub use effect::{Effect, Effects};
 pub use grips::Grip;
+pub use model::{ModelReport, SheetModel};
 pub use params::{
     AirDragParams, BendParams, ComplianceParams, CreaseKind, CreaseParams, DampingKind,
     DampingParams, FacetsParams, GravityParams, GrippersParams, PredictParams, SimulateConfig,

@@ -203,6 +203,28 @@ impl Simulator {
         report
     }
 
+    /// How much of `facets.strength` each facet gets, 0 … 1; facets beyond the end get all of it.
+    pub fn set_facet_shares(&mut self, shares: &[f32]) {
+        self.solver.facet_shares.clear();
+        self.solver.facet_shares.extend_from_slice(shares);
+    }
+
+    /// Puts the nodes where something else than the solver wants them, as a part of the last step,
+    /// which took `dt_s`. Velocities are kept.
+    pub fn correct(&mut self, dt_s: f64, positions_m: &[[f32; 3]]) {
+        let per_s = 1.0 / clamped_s(dt_s) as f32;
+        for (node, place) in self.solver.layout.places().enumerate() {
+            for axis in 0..3 {
+                let to = positions_m[node][axis];
+                let way = to - self.world[node][axis];
+                self.motion_m_per_s[node][axis] += 0.5 * way * per_s;
+                self.solver.x[axis].rows_mut()[place] = to - self.origin_m[axis];
+                self.world[node][axis] = to;
+            }
+        }
+        self.folds.observe(&self.world);
+    }
+
     /// Node positions, world frame, metres, index order of the sheet.
     pub fn positions_m(&self) -> &[[f32; 3]] {
         &self.world

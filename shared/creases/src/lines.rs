@@ -248,8 +248,6 @@ impl LineFinder {
 /// A rectangle along a crease, `2 · half_m` wide.
 fn strip([a, b]: [[f64; 2]; 2], half_m: f64) -> [[f64; 2]; 4] {
     let d = Line::through(a, b).direction;
-    let at = |p: [f64; 2], sign: f64| {
-        [p[0] - sign * half_m * d[1], p[1] + sign * half_m * d[0]]
-    };
+    let at = |p: [f64; 2], sign: f64| [p[0] - sign * half_m * d[1], p[1] + sign * half_m * d[0]];
     [at(a, -1.0), at(b, -1.0), at(b, 1.0), at(a, 1.0)]
 }

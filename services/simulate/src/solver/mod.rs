@@ -87,6 +87,8 @@ pub(crate) struct Solver {
     pub damping: Option<(Damp, f32)>,
     pub facet_table: Option<FacetTable>,
     pub hold_facets: Option<f32>,
+    /// Share of that which each facet gets; 1 beyond the end.
+    pub facet_shares: Vec<f32>,
     pub plastic: Option<Plastic>,
     pub hinges: Vec<Hinge>,
     pub plastic_links: Vec<PlasticLink>,
@@ -146,6 +148,7 @@ impl Solver {
             damping,
             facet_table: (hold_facets.is_some() || hinges).then(|| FacetTable::new(sheet)),
             hold_facets,
+            facet_shares: Vec::new(),
             plastic: has(Effect::Crease).then(|| params.crease.plastic()),
             hinges: Vec::new(),
             plastic_links: Vec::new(),

@@ -171,7 +171,9 @@ impl Solver {
         }
         for at in 0..count {
             let forward = self.substeps.is_multiple_of(2);
-            let nodes = &table.facets[if forward { at } else { count - 1 - at }];
+            let facet = if forward { at } else { count - 1 - at };
+            let nodes = &table.facets[facet];
+            let strength = strength * self.facet_shares.get(facet).copied().unwrap_or(1.0);
             if nodes.count < 3 {
                 continue;
             }

@@ -137,7 +137,8 @@ impl Judge {
         let noise_m = view.nodes.noise_m.max(FLATNESS * view.nodes.h_m);
         for strips in 2..=STRIPS_MAX {
             let [before, after] = [strips - 1, strips].map(|k| self.search.best[k].cost_m2);
-            if (before - after) / (2.0 * noise_m * noise_m) < STRIP_EVIDENCE || after.is_infinite() {
+            if (before - after) / (2.0 * noise_m * noise_m) < STRIP_EVIDENCE || after.is_infinite()
+            {
                 break;
             }
             self.judge_division(view, strips);
@@ -261,8 +262,7 @@ fn is_fold(hinge: &Hinge, view: &View) -> bool {
 /// Whether two fits are of one crease.
 fn same(a: &Hinge, b: &Hinge, h_m: f64) -> bool {
     let (p, q) = (a.line.direction, b.line.direction);
-    (p[0] * q[1] - p[1] * q[0]).abs() < SAME.0
-        && a.line.side_m(b.middle_m()).abs() < SAME.1 * h_m
+    (p[0] * q[1] - p[1] * q[0]).abs() < SAME.0 && a.line.side_m(b.middle_m()).abs() < SAME.1 * h_m
 }
 
 /// Drops candidates that are neighbours of stronger ones, or of creases, with the same sign.
@@ -274,9 +274,10 @@ fn drop_arcs(
     let mut at = 0;
     while at < candidates.len() {
         let Candidate { hinge, evidence, .. } = candidates[at];
-        let stronger = candidates.iter().enumerate().filter(|(other, c)| {
-            *other != at && (c.evidence, *other) > (evidence, at)
-        });
+        let stronger = candidates
+            .iter()
+            .enumerate()
+            .filter(|(other, c)| *other != at && (c.evidence, *other) > (evidence, at));
         let stronger = stronger.map(|(_, c)| (c.hinge.line, c.hinge.sign));
         if is_near(&hinge, known.clone(), h_m) || is_near(&hinge, stronger, h_m) {
             candidates.swap_remove(at);

@@ -35,6 +35,8 @@ pub const FRAME_S_MIN: f64 = 1e-4;
 pub const FRAME_S_NOMINAL: f64 = 1.0 / 30.0;
 /// Most grippers that hold a sheet at a time.
 pub const GRIPS_MAX: usize = 16;
+/// The origin follows when the sheet's middle is further away than this, metres.
+const ORIGIN_APART_M: f32 = 0.25;
 /// Most times as many substeps as set that a frame with much motion gets.
 const SUBSTEPS_TIMES_MAX: u32 = 4;
 
@@ -82,6 +84,8 @@ pub struct Simulator {
     motion_m_per_s: Vec<[f32; 3]>,
     world: Vec<[f32; 3]>,
     rest: Rest,
+    /// Usual length of a frame, seconds; 0 before the first.
+    period_s: f64,
     prediction: Option<Box<Prediction>>,
     /// Room for contact.
     points: [Vec<[f32; 3]>; 2],
@@ -108,6 +112,7 @@ impl Simulator {
             origin_m: [0.0; 3],
             motion_m_per_s: vec![[0.0; 3]; world.len()],
             rest: Rest::default(),
+            period_s: 0.0,
             prediction: None,
             points: [(); 2].map(|()| vec![[0.0; 3]; points]),
             params,
@@ -194,6 +199,7 @@ impl Simulator {
             return report;
         }
         let dt_s = clamped_s(dt_s);
+        self.recenter();
         self.accept_targets(pulls, &mut report);
         if self.rest.sleeps(dt_s, pulls) {
             report.slept = self.params.effects.iter().copied().collect();
@@ -272,6 +278,22 @@ impl Simulator {
         }
     }
 
+    /// Moves the origin after a sheet that travels. No digit is lost: the shift is a multiple of
+    /// 1/64 m, and the positions become smaller.
+    fn recenter(&mut self) {
+        let middle = self.solver.layout.place(self.world.len() / 2);
+        for (axis, x) in self.solver.x.iter_mut().enumerate() {
+            let shift_m = (x.rows()[middle] * 64.0).trunc() / 64.0;
+            if shift_m.abs() > ORIGIN_APART_M {
+                x.rows_mut().iter_mut().for_each(|x| *x -= shift_m);
+                self.origin_m[axis] += shift_m;
+                for anchor in &mut self.solver.anchors {
+                    anchor.position_m[axis] -= shift_m;
+                }
+            }
+        }
+    }
+
     fn accept_targets(&mut self, pulls: Pulls<'_>, report: &mut SimulateReport) {
         let Some(targets) = &mut self.solver.targets else { return };
         let confidence = targets.confidence.rows_mut();
@@ -289,15 +311,17 @@ impl Simulator {
             }
             confidence[place] = trust.min(1.0);
             targets.count += 1;
-            for axis in 0..3 {
-                targets.at_m[axis].rows_mut()[place] = target[axis] - self.origin_m[axis];
+            for (at_m, (target, origin)) in
+                targets.at_m.iter_mut().zip(target.iter().zip(self.origin_m))
+            {
+                at_m.rows_mut()[place] = target - origin;
             }
         }
     }
 
     /// Substeps, and all that is done once a frame.
     fn advance(&mut self, dt_s: f64, taking: &mut Taking<'_>, report: &mut SimulateReport) {
-        report.substeps = self.substeps();
+        report.substeps = self.substeps(dt_s);
         let rates = self.rates(dt_s, report);
         self.set_ratios(rates.dt_s);
         self.solver.yield_creases();
@@ -332,16 +356,24 @@ impl Simulator {
         }
     }
 
-    /// Substeps of this frame, by how far the targets are away.
-    fn substeps(&self) -> u32 {
+    /// Substeps of this frame, by its length and by how far the targets are away.
+    fn substeps(&mut self, dt_s: f64) -> u32 {
         let set = self.params.substeps;
-        let Some(targets) = self.solver.targets.as_ref().filter(|targets| targets.count > 0) else {
-            return set;
-        };
-        let motion_m = self.params.substep_motion_m * f64::from(set);
-        if motion_m == 0.0 {
-            return set;
-        }
+        // Substeps keep their length over frames that jitter: every change of it turns strain
+        // into velocity.
+        let usual_s = if self.period_s > 0.0 { self.period_s } else { dt_s };
+        self.period_s = usual_s + 0.1 * (dt_s.clamp(0.25 * usual_s, 4.0 * usual_s) - usual_s);
+        let times = self.times();
+        let wanted = (f64::from(set) * dt_s / usual_s).round();
+        (wanted.clamp(1.0, f64::from(set * SUBSTEPS_TIMES_MAX)) as u32 * times)
+            .clamp(1, set * SUBSTEPS_TIMES_MAX)
+    }
+
+    /// How many times the usual substeps the targets' distance asks for.
+    fn times(&self) -> u32 {
+        let motion_m = self.params.substep_motion_m * f64::from(self.params.substeps);
+        let targets = self.solver.targets.as_ref().filter(|targets| targets.count > 0);
+        let Some(targets) = targets.filter(|_| motion_m > 0.0) else { return 1 };
         let confidence = targets.confidence.rows();
         let mut squared_m2 = 0f64;
         for place in self.solver.layout.places().filter(|place| confidence[*place] > 0.0) {
@@ -351,11 +383,10 @@ impl Simulator {
         }
         // Over all nodes: a few that are held hard say nothing of the sheet's motion.
         let distance_m = 2.0 * (squared_m2 / self.world.len() as f64).sqrt();
-        // In few, large stages: every change of the substep turns strain into velocity.
         match distance_m / motion_m {
-            near if near <= 1.0 => set,
-            far if far <= 2.0 => 2 * set,
-            _ => SUBSTEPS_TIMES_MAX * set,
+            near if near <= 1.0 => 1,
+            far if far <= 2.0 => 2,
+            _ => SUBSTEPS_TIMES_MAX,
         }
     }
 

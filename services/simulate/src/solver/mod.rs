@@ -11,7 +11,7 @@
 //! facets:    x ← x + k·(g − x), g = the facet's best rigid pose             (facets.rs)
 //! contact:   whatever the caller's does
 //! table:     z ≥ height, and friction                                       (motion.rs)
-//! v = (x − x°)/dt
+//! v ← v + (x − x̂)/dt, x̂ = x after inertia: (x − x°)/dt without its rounding
 //! ```
 //!
 //! Source: Macklin et al. 2016 (XPBD), equations 17 and 26. Deviation: the target springs are
@@ -72,6 +72,8 @@ pub(crate) struct Solver {
     pub v: [Field; 3],
     /// Positions at the substep's start.
     pub before: [Field; 3],
+    /// Positions after inertia.
+    pub ahead: [Field; 3],
     /// Inverse masses in units of an ordinary node's, where not all are 1.
     pub weights: Option<Field>,
     /// Inverse mass of an ordinary node, 1/kg.
@@ -133,6 +135,7 @@ impl Solver {
             x: layout.fields(),
             v: layout.fields(),
             before: layout.fields(),
+            ahead: layout.fields(),
             weights: None,
             inverse_mass_per_kg,
             gravity_m_per_s2: named(Effect::Gravity, params.gravity.acceleration_m_per_s2),
@@ -224,7 +227,7 @@ impl Solver {
         };
         match effect {
             None => {
-                let nodes = [&self.x, &self.v, &self.before];
+                let nodes = [&self.x, &self.v, &self.before, &self.ahead];
                 nodes.into_iter().map(|f| fields(f)).sum::<usize>()
                     + fields(&self.moves)
                     + self.weights.as_ref().map_or(0, Field::bytes)

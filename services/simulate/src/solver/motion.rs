@@ -24,6 +24,8 @@ pub(crate) struct Advance<'a> {
     pub v: &'a mut [Field; 3],
     /// Positions at the substep's start, metres.
     pub before: &'a mut [Field; 3],
+    /// Positions after it, metres.
+    pub ahead: &'a mut [Field; 3],
 }
 
 impl Pass for Advance<'_> {
@@ -35,6 +37,7 @@ impl Pass for Advance<'_> {
             let x = &mut self.x[axis].rows_mut()[..len];
             let v = &mut self.v[axis].rows_mut()[..len];
             let before = &mut self.before[axis].rows_mut()[..len];
+            let ahead = &mut self.ahead[axis].rows_mut()[..len];
             let fall = V::splat(if axis == 2 { self.fall_m_per_s } else { 0.0 });
             let (keep, dt_s) = (V::splat(self.keep), V::splat(self.dt_s));
             for at in (0..len).step_by(LANES) {
@@ -48,14 +51,17 @@ impl Pass for Advance<'_> {
                     }
                     old.store(before.as_mut_ptr().add(at));
                     speed.store(v.as_mut_ptr().add(at));
-                    old.add(speed.mul(dt_s)).store(x.as_mut_ptr().add(at));
+                    let new = old.add(speed.mul(dt_s));
+                    new.store(x.as_mut_ptr().add(at));
+                    new.store(ahead.as_mut_ptr().add(at));
                 }
             }
         }
     }
 }
 
-/// v = (x − x°)/dt.
+/// v ← v + (x − x̂)/dt, x̂ being where inertia alone had led: the same as (x − x°)/dt, but the
+/// rounding of x̂ does not become velocity.
 pub(crate) struct Settle<'a> {
     /// Numbers of a field to go through.
     pub len: usize,
@@ -63,8 +69,8 @@ pub(crate) struct Settle<'a> {
     pub per_s: f32,
     /// Positions, metres.
     pub x: &'a [Field; 3],
-    /// Positions at the substep's start, metres.
-    pub before: &'a [Field; 3],
+    /// Positions after inertia, metres.
+    pub ahead: &'a [Field; 3],
     /// Velocities, m/s.
     pub v: &'a mut [Field; 3],
 }
@@ -74,13 +80,14 @@ impl Pass for Settle<'_> {
     fn run<V: Lanes>(self) {
         let len = self.len;
         for axis in 0..3 {
-            let (x, before) = (&self.x[axis].rows()[..len], &self.before[axis].rows()[..len]);
+            let (x, ahead) = (&self.x[axis].rows()[..len], &self.ahead[axis].rows()[..len]);
             let v = &mut self.v[axis].rows_mut()[..len];
             for at in (0..len).step_by(LANES) {
                 // SAFETY: all have `len` numbers, a multiple of the lanes.
                 unsafe {
-                    let way = V::load(x.as_ptr().add(at)).sub(V::load(before.as_ptr().add(at)));
-                    way.mul(V::splat(self.per_s)).store(v.as_mut_ptr().add(at));
+                    let way = V::load(x.as_ptr().add(at)).sub(V::load(ahead.as_ptr().add(at)));
+                    let speed = V::load(v.as_ptr().add(at));
+                    speed.add(way.mul(V::splat(self.per_s))).store(v.as_mut_ptr().add(at));
                 }
             }
         }

@@ -90,8 +90,8 @@ impl Solver {
         self.substeps = self.substeps.wrapping_add(1);
         if rates.inertia {
             let (len, per_s) = (self.len(), 1.0 / rates.dt_s);
-            let (x, before, v) = (&self.x, &self.before, &mut self.v);
-            self.width.run(Settle { len, per_s, x, before, v });
+            let (x, ahead, v) = (&self.x, &self.ahead, &mut self.v);
+            self.width.run(Settle { len, per_s, x, ahead, v });
         }
         hooks.done(Part::Inertia);
     }
@@ -108,6 +108,7 @@ impl Solver {
             x: &mut self.x,
             v: &mut self.v,
             before: &mut self.before,
+            ahead: &mut self.ahead,
         });
     }
 

@@ -34,7 +34,7 @@ const PUBLISH: f64 = 0.06;
 /// A crease is undone after so many steps below the first angle, unless it ever passed the second.
 const UNDO: (u32, f64, f64) = (20, 10.0, 45.0);
 /// How far the measurement of a crease looks on both sides, spacings.
-const REACH: f64 = 9.0;
+const REACH: f64 = 4.0;
 /// Creases whose line is measured in one step.
 const MEASURED_MAX: usize = 3;
 

@@ -204,7 +204,7 @@ impl LineFinder {
         known.angle_max_rad = known.angle_max_rad.max(hinge.angle_rad);
         let flat = hinge.angle_rad < UNDO.1.to_radians();
         known.unfolded = if flat { known.unfolded + 1 } else { 0 };
-        if !flat && hinge.narrow_m2 < hinge.wide_m2 {
+        if !flat && hinge.narrow_m2 < hinge.wide_m2.min(hinge.smooth_m2) {
             known.estimate.measure(&hinge, h_m);
         }
     }

@@ -126,7 +126,24 @@ impl LineFinder {
                 self.split(folds, part, &hinge);
             }
         }
+        if folds.facets().len() > before {
+            self.move_candidates(folds, facet);
+        }
         folds.facets().len() > before
+    }
+
+    /// Hands a facet's candidates to the parts that they lie in.
+    fn move_candidates(&mut self, folds: &Folds, facet: usize) {
+        let mut at = 0;
+        while at < self.candidates[facet].len() {
+            let part = folds.facet_at(self.candidates[facet][at].hinge.middle_m());
+            if part == facet {
+                at += 1;
+            } else {
+                let candidate = self.candidates[facet].swap_remove(at);
+                self.candidates[part].push(candidate);
+            }
+        }
     }
 
     fn is_wide(&self, folds: &Folds, facet: usize, line: &Line) -> bool {

@@ -34,7 +34,7 @@ const PUBLISH: f64 = 0.06;
 /// A crease is undone after so many steps below the first angle, unless it ever passed the second.
 const UNDO: (u32, f64, f64) = (20, 10.0, 45.0);
 /// How far the measurement of a crease looks on both sides, spacings.
-const REACH: f64 = 9.0;
+const REACH: f64 = 4.0;
 /// Creases whose line is measured in one step.
 const MEASURED_MAX: usize = 3;
 
@@ -126,7 +126,24 @@ impl LineFinder {
                 self.split(folds, part, &hinge);
             }
         }
+        if folds.facets().len() > before {
+            self.move_candidates(folds, facet);
+        }
         folds.facets().len() > before
+    }
+
+    /// Hands a facet's candidates to the parts that they lie in.
+    fn move_candidates(&mut self, folds: &Folds, facet: usize) {
+        let mut at = 0;
+        while at < self.candidates[facet].len() {
+            let part = folds.facet_at(self.candidates[facet][at].hinge.middle_m());
+            if part == facet {
+                at += 1;
+            } else {
+                let candidate = self.candidates[facet].swap_remove(at);
+                self.candidates[part].push(candidate);
+            }
+        }
     }
 
     fn is_wide(&self, folds: &Folds, facet: usize, line: &Line) -> bool {
@@ -204,7 +221,7 @@ impl LineFinder {
         known.angle_max_rad = known.angle_max_rad.max(hinge.angle_rad);
         let flat = hinge.angle_rad < UNDO.1.to_radians();
         known.unfolded = if flat { known.unfolded + 1 } else { 0 };
-        if !flat && hinge.narrow_m2 < hinge.wide_m2 {
+        if !flat && hinge.narrow_m2 < hinge.wide_m2.min(hinge.smooth_m2) {
             known.estimate.measure(&hinge, h_m);
         }
     }

@@ -43,6 +43,59 @@ pub struct CreaseParams {
     /// Lines that are about to be folded: two material points each, metres. Such a crease is freed
     /// at half the angle, where bending is seen at it. Default none.
     pub plan: Vec<[[f64; 2]; 2]>,
+    /// The paper's clustering, for mode `"paper"`.
+    pub paper: PaperParams,
+}
+
+/// When a cluster may split again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Lock {
+    /// After any split none, until the whole sheet is thin.
+    #[default]
+    Global,
+    /// After its own split, until it is thin itself.
+    Cluster,
+    /// At once.
+    None,
+}
+
+/// The paper's clustering.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PaperParams {
+    /// Replaces the three small variances, m². Default 1e-6, the paper's (1 mm)².
+    pub s_m2: f64,
+    /// A cluster that is less flat than this splits: √((λ₃ + λ₄ + λ₅)/(λ₁ + λ₂)). Default 0.13.
+    pub r_div: f64,
+    /// Third spatial variance below which nodes count as fixed, m². Default 6.4e-5, (8 mm)².
+    pub r_fix_m2: f64,
+    /// `"global"`, `"cluster"` or `"none"`. Default `"global"`.
+    pub lock: Lock,
+    /// Most k-means iterations of a step; more converge sooner and cost more. Default 20.
+    pub iterations: u32,
+}
+
+impl Default for PaperParams {
+    fn default() -> Self {
+        Self { s_m2: 1e-6, r_div: 0.13, r_fix_m2: 6.4e-5, lock: Lock::Global, iterations: 20 }
+    }
+}
+
+impl PaperParams {
+    fn check(&self) -> Result<(), Vec<Problem>> {
+        let Self { s_m2, r_div, r_fix_m2, lock: _, iterations } = self;
+        let mut checker = Checker::new();
+        let mut within = |key: &str, value: f64, low: f64, high: f64, unit: &str| {
+            let requirement = format!("must be {low} to {high} {unit}");
+            checker.require(low <= value && value <= high, key, value, requirement.trim_end());
+        };
+        within("s_m2", *s_m2, 1e-12, 1.0, "m²");
+        within("r_div", *r_div, 0.01, 1.0, "");
+        within("r_fix_m2", *r_fix_m2, 1e-12, 1.0, "m²");
+        within("iterations", f64::from(*iterations), 1.0, 1000.0, "");
+        checker.finish(|| ())
+    }
 }
 
 impl Default for CreaseParams {
@@ -56,6 +109,7 @@ impl Default for CreaseParams {
             snap: 0.0,
             facets_max: FACETS_MAX,
             plan: Vec::new(),
+            paper: PaperParams::default(),
         }
     }
 }
@@ -63,7 +117,7 @@ impl Default for CreaseParams {
 impl CreaseParams {
     /// Checks the section; every problem at once.
     pub fn check(&self) -> Result<CreaseConfig, Vec<Problem>> {
-        let Self { mode: _, angle_min_deg, hits, evidence, bend_width, snap, facets_max, plan } =
+        let Self { mode: _, angle_min_deg, hits, evidence, bend_width, snap, facets_max, plan, paper } =
             self;
         let mut checker = Checker::new();
         let mut within = |key: &str, value: f64, low: f64, high: f64, unit: &str| {
@@ -83,6 +137,9 @@ impl CreaseParams {
             plan,
             "the two points of a line must be at least 0.1 mm apart",
         );
+        if let Err(problems) = paper.check() {
+            checker.nested("paper", problems);
+        }
         checker.finish(|| CreaseConfig {
             params: self.clone(),
             plan: plan.iter().map(|[a, b]| Line::through(*a, *b)).collect(),

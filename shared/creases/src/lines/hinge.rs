@@ -17,6 +17,9 @@ const NARROW: [f64; 4] = [0.0, 0.33, 0.67, 1.0];
 const WIDE: [f64; 3] = [1.35, 1.85, 2.5];
 /// Half lengths of waves, as shares of the same.
 const WAVES: [f64; 3] = [1.35, 1.9, 2.7];
+/// What another column of a model gains by fitting noise alone, log-likelihood: half of its three
+/// coordinates, and something for noise that is smooth.
+const COLUMN_WORTH: f64 = 2.0;
 /// A bend wider than this share of the window cannot be told from a smooth one.
 const WIDTH_MAX: f64 = 0.9;
 
@@ -33,6 +36,8 @@ pub(crate) struct Hinge {
     /// Squared distances from the best narrow bend and from the best wide or smooth one, m².
     pub narrow_m2: f64,
     pub wide_m2: f64,
+    /// From the smooth one, which has one more column.
+    pub smooth_m2: f64,
     /// World metres per material metre on both sides.
     pub stretch: [f64; 2],
     /// Mean and variance of t, metres, metres².
@@ -205,7 +210,8 @@ impl Fitter {
             sign: if dot(&turn, &c[2]) < 0.0 { 1.0 } else { -1.0 },
             weight: scale.weight,
             narrow_m2: best(&NARROW[1..]).min(kink_m2),
-            wide_m2: best(&WIDE).min(smooth_m2).min(waves_m2),
+            wide_m2: best(&WIDE).min(waves_m2),
+            smooth_m2,
             stretch,
             along: [scale.middle_m, scale.variance_m2],
             reach_m: window_m[0].min(window_m[1]),
@@ -250,7 +256,8 @@ impl Hinge {
 
     /// Log-likelihood ratio of narrow bends against wide and smooth ones.
     pub fn evidence(&self, noise_m2: f64) -> f64 {
-        (self.wide_m2 - self.narrow_m2) / (2.0 * noise_m2)
+        let ratio = |other_m2: f64| (other_m2 - self.narrow_m2) / (2.0 * noise_m2);
+        ratio(self.wide_m2).min(ratio(self.smooth_m2) + COLUMN_WORTH)
     }
 
     /// The middle of the nodes along the line, (u, v), metres.

@@ -3,6 +3,8 @@
 mod compare;
 mod cpd;
 mod output;
+mod points;
+mod register;
 mod set;
 mod track;
 mod variant;
@@ -42,6 +44,8 @@ enum Command {
     Compare(compare::CompareArguments),
     /// Register two point files by textbook Coherent Point Drift.
     Cpd(cpd::CpdArguments),
+    /// Register a sheet to a cloud, once, from files.
+    Register(register::RegisterArguments),
 }
 
 /// Runs one command.
@@ -51,6 +55,7 @@ pub fn run(arguments: Arguments) -> anyhow::Result<()> {
         Command::Watch(arguments) => watch::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
         Command::Cpd(arguments) => cpd::run(&arguments),
+        Command::Register(arguments) => register::run(&arguments),
     }
 }
 

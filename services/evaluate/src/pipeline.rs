@@ -47,6 +47,7 @@ pub struct Pipeline {
     segmenter: Segmenter,
     registrar: Registrar,
     simulator: Simulator,
+    finder: orime_creases::CreaseFinder,
     sheet: SheetGrid,
     points: Vec<ObservedPoint>,
     edgels: Vec<Edgel>,
@@ -54,6 +55,8 @@ pub struct Pipeline {
     report: SegmentReport,
     targets_m: Vec<[f32; 3]>,
     confidence: Vec<f32>,
+    /// Where the nodes are expected in the next step, metres.
+    predicted_m: Vec<[f32; 3]>,
     truth_m: Vec<[f32; 3]>,
     has_truth: bool,
     has_pose: bool,
@@ -101,12 +104,17 @@ impl Pipeline {
             segmenter: Segmenter::new(&config.segment, &cameras, &sheet),
             registrar: Registrar::new(&config.register, &sheet, config.template_m.clone()),
             simulator: Simulator::new(&config.simulate, &sheet, config.density_kg_per_m2, template),
+            finder: orime_creases::CreaseFinder::new(
+                &orime_creases::CreaseParams::default().check().unwrap(),
+                &sheet,
+            ),
             points: vec![none; points],
             edgels: vec![no_edgel; edgels],
             features: vec![no_feature; FEATURES_MAX],
             report: SegmentReport::default(),
             targets_m: vec![[0.0; 3]; sheet.len()],
             confidence: vec![0.0; sheet.len()],
+            predicted_m: Vec::with_capacity(sheet.len()),
             truth_m: vec![[0.0; 3]; sheet.len()],
             has_truth: false,
             has_pose: false,
@@ -167,14 +175,15 @@ impl Pipeline {
     }
 
     fn register(&mut self) -> RegisterReport {
-        let state = self.has_pose.then(|| self.simulator.positions_m());
+        let predicted = self.has_pose.then_some(self.predicted_m.as_slice());
         let observed = Observation {
             cloud: &self.points[..self.report.points],
             edgels: &self.edgels[..self.report.edgels],
             features: &self.features[..self.report.features],
             cameras: &self.cameras,
+            folds: Some(self.simulator.folds()),
         };
-        self.registrar.register(&observed, state, &mut self.targets_m, &mut self.confidence)
+        self.registrar.register(&observed, predicted, &mut self.targets_m, &mut self.confidence)
     }
 
     fn simulate(&mut self, step: u64, register: &RegisterReport) {
@@ -183,7 +192,32 @@ impl Pipeline {
         self.exposure_before_ns = Some(exposure_ns);
         self.has_pose |= register.reset;
         if self.has_pose {
+            if std::env::var("ORIME_PLAN").is_ok() {
+                oracle(&mut self.simulator, step);
+            } else if std::env::var("ORIME_NOFOLD").is_err() {
+                if register.reset {
+                    self.finder.reset();
+                }
+                if self.finder.step(&self.targets_m, &self.confidence)
+                    && std::env::var("ORIME_DBG").is_ok()
+                {
+                    eprintln!("step {step}: {} facets", self.finder.folds().facets().len());
+                    for c in self.finder.folds().creases() {
+                        eprintln!(
+                            "   {:?} {:.1} {:.1}  {:.1} {:.1}",
+                            c.facets,
+                            c.ends_m[0][0] * 1e3,
+                            c.ends_m[0][1] * 1e3,
+                            c.ends_m[1][0] * 1e3,
+                            c.ends_m[1][1] * 1e3
+                        );
+                    }
+                }
+                self.simulator.set_folds(self.finder.folds());
+            }
             self.simulator.step(dt_s, &self.targets_m, &self.confidence, register.reset);
+            self.predicted_m.clear();
+            self.predicted_m.extend_from_slice(self.simulator.predict(dt_s));
         }
     }
 
@@ -228,4 +262,28 @@ fn timed<T>(ms: &mut f64, work: impl FnOnce() -> T) -> T {
     let result = work();
     *ms = start.elapsed().as_secs_f64() * 1e3;
     result
+}
+
+fn oracle(simulator: &mut Simulator, step: u64) {
+    use orime_creases::Line;
+    let Ok(plan) = std::env::var("ORIME_PLAN") else { return };
+    let l = 0.15;
+    let (a, b) = (Line::through([0.0, 0.0], [l, l]), Line::through([l, 0.0], [0.0, l]));
+    let (c, d) =
+        (Line::through([l / 2.0, 0.0], [l / 2.0, l]), Line::through([0.0, l / 2.0], [l, l / 2.0]));
+    let lines = if plan == "0" { [a, b, c, d] } else { [b, a, d, c] };
+    let h = [[0.0, 0.0], [l, l], [0.0, l], [l, 0.0], [l / 2.0, l / 2.0]];
+    let _ = h;
+    let mut folds = simulator.folds().clone();
+    for (k, (line, at)) in lines.iter().zip([10, 115, 203, 203]).enumerate() {
+        if step == at {
+            // M, M' lie on the half with A; N, N' later.
+            let n = folds.facets().len();
+            for f in 0..n {
+                let _ = k;
+                folds.split(f, line);
+            }
+        }
+    }
+    simulator.set_folds(&folds);
 }

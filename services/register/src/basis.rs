@@ -7,7 +7,7 @@ use orime_geometry::SheetGrid;
 ///
 /// G[a,b] = exp(−|uv_a − uv_b|²/2β²) ≈ Q Λ Qᵀ, over material coordinates, so that it is constant
 /// and layers that touch in space are not coupled.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Basis {
     /// Control points along u and v.
     pub controls: [usize; 2],
@@ -27,10 +27,9 @@ pub(crate) struct Corner {
 }
 
 impl Basis {
-    /// Control points on every other node (13 × 13 of 25 × 25); at most `modes_max` modes, and
-    /// only those whose eigenvalue is above 1e-7 of the largest.
-    pub fn new(sheet: &SheetGrid, width_m: f64, modes_max: usize) -> Self {
-        let controls = sheet.nodes.map(|n| n.div_ceil(2));
+    /// `controls` points, evenly spaced over the sheet; at most `modes_max` modes, and only those
+    /// whose eigenvalue is above 1e-7 of the largest.
+    pub fn new(sheet: &SheetGrid, controls: [usize; 2], width_m: f64, modes_max: usize) -> Self {
         let control_sheet = SheetGrid::new(sheet.size_m, controls);
         let uv: Vec<[f64; 2]> = control_sheet.uv_m().collect();
         let kernel = DMatrix::from_fn(uv.len(), uv.len(), |a, b| {
@@ -85,6 +84,20 @@ pub(crate) fn corners(from: [usize; 2], to: [usize; 2]) -> Vec<Corner> {
 }
 
 impl Corner {
+    /// A material point among the control points of a sheet (see [`Basis::new`]).
+    pub fn at(sheet: &SheetGrid, controls: [usize; 2], uv_m: [f64; 2]) -> Self {
+        let place = |axis: usize| {
+            let at = uv_m[axis] / sheet.size_m[axis] * (controls[axis] - 1) as f64;
+            let cell = (at.max(0.0) as usize).min(controls[axis] - 2);
+            (cell, at - cell as f64)
+        };
+        let ((a, s), (b, t)) = (place(0), place(1));
+        Self {
+            base: (a * controls[1] + b) as u32,
+            weights: [(1.0 - s) * (1.0 - t), (1.0 - s) * t, s * (1.0 - t), s * t].map(|w| w as f32),
+        }
+    }
+
     /// Indices of the four corners in a grid whose rows are `stride` long.
     pub fn indices(&self, stride: usize) -> [usize; 4] {
         let base = self.base as usize;
@@ -106,7 +119,7 @@ mod tests {
     #[test]
     fn modes_rebuild_the_kernel() {
         let sheet = SheetGrid::new([0.15, 0.21], [9, 11]);
-        let basis = Basis::new(&sheet, 0.05, 400);
+        let basis = Basis::new(&sheet, [5, 6], 0.05, 400);
         assert_eq!(basis.controls, [5, 6]);
         let uv: Vec<[f64; 2]> = SheetGrid::new(sheet.size_m, basis.controls).uv_m().collect();
         for (a, b) in [(0, 0), (3, 17), (29, 4)] {

@@ -8,7 +8,7 @@ pub(crate) const LANES: usize = 16;
 
 /// Candidate components of a cell and what the cell gives them, as arrays of equal length, a
 /// multiple of [`LANES`]; padding stands so far off that its weight is zero.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct Candidates {
     /// Positions relative to the cell's origin, metres.
     pub x: Vec<f32>,
@@ -55,6 +55,13 @@ impl Candidates {
         self.prior.push(prior);
     }
 
+    /// Changes the prior weights of the components, in the order in which they were added.
+    pub fn set_priors(&mut self, priors: impl Iterator<Item = f32>) {
+        for (own, prior) in self.prior.iter_mut().zip(priors) {
+            *own = prior;
+        }
+    }
+
     /// Pads to a multiple of [`LANES`] and zeroes the sums.
     pub fn seal(&mut self) {
         while !self.x.len().is_multiple_of(LANES) {
@@ -71,6 +78,11 @@ impl Candidates {
         ] {
             sums.resize(n, 0.0);
         }
+    }
+
+    /// Σ of the pulls over all components, metres.
+    pub fn pull_sum(&self) -> [f32; 3] {
+        [&self.pull_x, &self.pull_y, &self.pull_z].map(|pull| pull.iter().sum())
     }
 
     fn columns(&mut self) -> [&mut Vec<f32>; 10] {

@@ -62,7 +62,7 @@ pub(crate) struct FusionReport {
 }
 
 /// Fuses features; keeps its room.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Fusion {
     side_m: f32,
     isometry: Isometry,

@@ -5,14 +5,20 @@
 //! more the straighter they are already: with fold angle θ the pull is scaled by
 //! 1/(1 + (θ/θ₀)²), so that a crease, once it is one, is left alone.
 
+use orime_creases::Folds;
 use orime_geometry::SheetGrid;
 
+/// Two nodes and the length between them at rest, metres.
+type Link = ([u32; 2], f32);
+
 /// Edges and cell diagonals with their rest lengths.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Isometry {
-    links: Vec<([u32; 2], f32)>,
+    links: Vec<Link>,
     /// Nodes in a row at [`SPANS`] steps, the middle one second.
     rows: Vec<[u32; 3]>,
+    /// The same on a sheet without creases.
+    unfolded: (Vec<Link>, Vec<[u32; 3]>),
     /// 0 … 1.
     flatness: f32,
 }
@@ -41,7 +47,26 @@ impl Isometry {
                 }
             }
         }
-        Self { links, rows: rows(sheet), flatness: flatness as f32 }
+        let rows = rows(sheet);
+        let unfolded = (links.clone(), rows.clone());
+        Self { links, rows, unfolded, flatness: flatness as f32 }
+    }
+
+    /// Takes over other folds: no link and no row reaches across a crease.
+    pub fn refold(&mut self, folds: &Folds) {
+        let mut facets = vec![0u32; folds.sheet().len()];
+        for facet in 0..folds.facets().len() {
+            for node in folds.members(facet) {
+                facets[*node as usize] |= 1 << facet;
+            }
+        }
+        let together = |nodes: &[u32]| {
+            nodes.iter().fold(u32::MAX, |facet, node| facet & facets[*node as usize]) != 0
+        };
+        self.links.clear();
+        self.links.extend(self.unfolded.0.iter().filter(|(ends, _)| together(ends)));
+        self.rows.clear();
+        self.rows.extend(self.unfolded.1.iter().filter(|row| together(&row[..])));
     }
 
     /// Moves the ends of every link half way to its rest length each, sweeping to and fro, and
@@ -73,7 +98,7 @@ impl Isometry {
 }
 
 #[inline(always)]
-fn relax(([a, b], rest): &([u32; 2], f32), x: &mut [[f32; 3]]) {
+fn relax(([a, b], rest): &Link, x: &mut [[f32; 3]]) {
     let (a, b) = (*a as usize, *b as usize);
     let (xa, xb) = (x[a], x[b]);
     let d = sub(xb, xa);

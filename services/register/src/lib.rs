@@ -8,6 +8,8 @@
 
 mod align;
 mod basis;
+mod bias;
+mod blend;
 mod expectation;
 mod features;
 mod first_pose;
@@ -19,6 +21,8 @@ mod registrar;
 mod score;
 pub mod textbook;
 mod track;
+mod visibility;
+mod zbuffer;
 
 pub use params::{RegisterConfig, RegisterMode, RegisterParams};
 pub use registrar::{Observation, RegisterReport, Registrar, Tracking};

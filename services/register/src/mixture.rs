@@ -1,7 +1,10 @@
 //! The sheet as a Gaussian mixture: virtual nodes between the nodes, and the E-step over cells.
 
-use crate::basis::{Corner, corners};
+use crate::bias::RaySums;
+use crate::blend::{Blend, Blender};
 use crate::expectation::{Candidates, expect_cell};
+use crate::visibility::Visibility;
+use orime_creases::Folds;
 use orime_geometry::SheetGrid;
 use std::ops::Range;
 
@@ -11,26 +14,36 @@ const CUTOFF_SIGMAS: f32 = 3.5;
 const CELLS_MAX: usize = 48;
 
 /// Observed points, sorted into cells for the whole frame.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct Cloud {
     /// Positions, metres, cell after cell.
     pub points_m: Vec<[f32; 3]>,
+    /// Ranges of points in one cell.
     cells: Vec<Range<usize>>,
-    keys: Vec<(u64, u32)>,
+    /// Camera of each point; within a cell they ascend.
+    cameras: Vec<u32>,
+    /// Cell, then camera and place in the input.
+    keys: Vec<(u64, u64)>,
 }
 
 /// Components of the mixture and what the last E-step gave them.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Mixture {
     /// Interpolation from the sheet's nodes.
-    corners: Vec<Corner>,
-    stride: usize,
+    blends: Vec<Blend>,
+    /// Material coordinates, metres.
+    pub uv_m: Vec<[f32; 2]>,
+    fine: SheetGrid,
     /// Positions, metres.
     pub positions_m: Vec<[f32; 3]>,
     /// Σ_n p per component.
     pub mass: Vec<f64>,
     /// Σ_n p·(x − y) per component, metres.
     pub pull_m: Vec<[f64; 3]>,
+    /// Camera centres, world frame, metres; empty where nobody asks.
+    pub eyes_m: Vec<[f32; 3]>,
+    /// What each camera's points said in the last E-step.
+    pub rays: Vec<RaySums>,
     lookup: Lookup,
     candidates: Candidates,
     members: Vec<u32>,
@@ -48,21 +61,23 @@ pub(crate) struct Expectation {
 }
 
 impl Cloud {
-    /// Sorts points into cells of `cell_m`; all must be finite. Their order does not matter.
-    pub fn fill(&mut self, points_m: impl Iterator<Item = [f32; 3]>, cell_m: f32) {
-        let unsorted: Vec<[f32; 3]> = points_m.collect();
+    /// Sorts points, each with its camera, into cells of `cell_m`; all must be finite. Their order
+    /// does not matter.
+    pub fn fill(&mut self, points: impl Iterator<Item = ([f32; 3], u32)>, cell_m: f32) {
+        let unsorted: Vec<([f32; 3], u32)> = points.collect();
         let cell =
             |c: f32| ((c / cell_m).floor() as i64 + (1 << 20)).clamp(0, (1 << 21) - 1) as u64;
         self.keys.clear();
-        self.keys.extend(
-            unsorted
-                .iter()
-                .enumerate()
-                .map(|(n, p)| ((cell(p[0]) << 42) | (cell(p[1]) << 21) | cell(p[2]), n as u32)),
-        );
+        self.keys.extend(unsorted.iter().enumerate().map(|(n, (p, camera))| {
+            let key = (cell(p[0]) << 42) | (cell(p[1]) << 21) | cell(p[2]);
+            (key, (u64::from(*camera) << 32) | n as u64)
+        }));
         self.keys.sort_unstable();
+        let place = |key: &(u64, u64)| unsorted[(key.1 & 0xffff_ffff) as usize];
         self.points_m.clear();
-        self.points_m.extend(self.keys.iter().map(|(_, n)| unsorted[*n as usize]));
+        self.points_m.extend(self.keys.iter().map(|key| place(key).0));
+        self.cameras.clear();
+        self.cameras.extend(self.keys.iter().map(|key| place(key).1));
         self.cells.clear();
         let mut start = 0;
         for end in 1..=self.keys.len() {
@@ -72,20 +87,38 @@ impl Cloud {
             }
         }
     }
+
+    /// The points of a cell, camera by camera.
+    fn by_camera(&self, cell: Range<usize>) -> impl Iterator<Item = (u32, Range<usize>)> + '_ {
+        let mut start = cell.start;
+        std::iter::from_fn(move || {
+            let camera = *self.cameras[start..cell.end].first()?;
+            let others = self.cameras[start..cell.end].iter();
+            let end = start + others.take_while(|c| **c == camera).count();
+            let range = start..end;
+            start = end;
+            Some((camera, range))
+        })
+    }
 }
 
 impl Mixture {
     /// `per_cell` components per grid cell and direction.
     pub fn new(sheet: &SheetGrid, per_cell: usize) -> Self {
-        let fine = sheet.nodes.map(|n| (n - 1) * per_cell + 1);
-        let corners = corners(sheet.nodes, fine);
-        let n = corners.len();
+        let fine = SheetGrid::new(sheet.size_m, Self::fine_nodes(sheet, per_cell));
+        let flat = Folds::flat(sheet);
+        let blender = Blender::new(sheet, &flat);
+        let blends: Vec<Blend> = fine.uv_m().map(|uv| blender.at(uv)).collect();
+        let n = blends.len();
         Self {
-            corners,
-            stride: sheet.nodes[1],
+            blends,
+            uv_m: fine.uv_m().map(|uv| uv.map(|c| c as f32)).collect(),
+            fine,
             positions_m: vec![[0.0; 3]; n],
             mass: vec![0.0; n],
             pull_m: vec![[0.0; 3]; n],
+            eyes_m: Vec::new(),
+            rays: Vec::new(),
             lookup: Lookup::default(),
             candidates: Candidates::default(),
             members: Vec::new(),
@@ -99,10 +132,35 @@ impl Mixture {
         sheet.nodes.map(|n| (n - 1) * per_cell + 1)
     }
 
+    /// Takes over other folds: a component is a part of the facet that it lies in.
+    pub fn refold(&mut self, blender: &Blender<'_>) {
+        for (blend, uv) in self.blends.iter_mut().zip(self.fine.uv_m()) {
+            *blend = blender.at(uv);
+        }
+    }
+
     /// Moves the components with the sheet's nodes.
     pub fn place(&mut self, nodes_m: &[[f32; 3]]) {
-        for (position, corner) in self.positions_m.iter_mut().zip(&self.corners) {
-            *position = corner.interpolate(nodes_m, self.stride);
+        for (position, blend) in self.positions_m.iter_mut().zip(&self.blends) {
+            *position = blend.position_m(nodes_m);
+        }
+    }
+
+    /// Means over the components of each node's neighbourhood, weighted as they are blended:
+    /// `value` of each component to one value per node.
+    pub fn to_nodes(&self, value: impl Fn(usize) -> f32, nodes: &mut [f32]) {
+        let mut weights = vec![0f32; nodes.len()];
+        nodes.fill(0.0);
+        for (m, blend) in self.blends.iter().enumerate() {
+            let value = value(m);
+            for (node, weight) in blend.nodes.iter().zip(blend.weights) {
+                let weight = weight.max(0.0);
+                nodes[*node as usize] += weight * value;
+                weights[*node as usize] += weight;
+            }
+        }
+        for (node, weight) in nodes.iter_mut().zip(weights) {
+            *node /= weight.max(1e-6);
         }
     }
 
@@ -113,6 +171,7 @@ impl Mixture {
     pub fn expect(
         &mut self,
         cloud: &Cloud,
+        visibility: &Visibility,
         cell_m: f32,
         sigma_m: f32,
         uniform_per_m3: f64,
@@ -124,6 +183,8 @@ impl Mixture {
         let variance = f64::from(sigma_m).powi(2);
         let uniform = (uniform_per_m3 * (std::f64::consts::TAU * variance).powf(1.5)) as f32;
         let mut total = Expectation::default();
+        self.rays.clear();
+        self.rays.resize(self.eyes_m.len(), RaySums::default());
         for cell in &cloud.cells {
             let points = &cloud.points_m[cell.clone()];
             let (low, high) = bounds(points);
@@ -137,19 +198,35 @@ impl Mixture {
                 self.candidates.push(sub(self.positions_m[*m as usize], low), 1.0);
             }
             self.candidates.seal();
-            self.local.clear();
-            self.local.extend(points.iter().map(|p| sub(*p, low)));
-            self.explained.clear();
-            self.explained.resize(points.len(), 0.0);
-            let sums = expect_cell(
-                &self.local,
-                &mut self.candidates,
-                variance as f32,
-                uniform,
-                &mut self.explained,
-            );
-            total.mass += sums.mass;
-            total.squared_m2 += sums.squared_m2;
+            let mut before = [0f32; 3];
+            for (camera, range) in cloud.by_camera(cell.clone()) {
+                if let Some(priors) = visibility.priors(camera) {
+                    self.candidates.set_priors(self.members.iter().map(|m| priors[*m as usize]));
+                }
+                let points = &cloud.points_m[range];
+                self.local.clear();
+                self.local.extend(points.iter().map(|p| sub(*p, low)));
+                self.explained.clear();
+                self.explained.resize(points.len(), 0.0);
+                let sums = expect_cell(
+                    &self.local,
+                    &mut self.candidates,
+                    variance as f32,
+                    uniform,
+                    &mut self.explained,
+                );
+                total.mass += sums.mass;
+                total.squared_m2 += sums.squared_m2;
+                if let Some(eye) = self.eyes_m.get(camera as usize) {
+                    let after = self.candidates.pull_sum();
+                    let ray = sub(low, *eye);
+                    let toward = dot(sub(after, before), ray) / norm2(ray).sqrt();
+                    let rays = &mut self.rays[camera as usize];
+                    rays.mass += sums.mass;
+                    rays.toward_m += f64::from(toward);
+                    before = after;
+                }
+            }
             for (k, m) in self.members.iter().enumerate() {
                 let m = *m as usize;
                 self.mass[m] += f64::from(self.candidates.mass[k]);
@@ -190,7 +267,7 @@ impl Mixture {
 }
 
 /// Counting-sorted grid over the components.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 struct Lookup {
     low: [f32; 3],
     cell_m: f32,
@@ -289,6 +366,10 @@ fn sub(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
+fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
 fn norm2(a: [f32; 3]) -> f32 {
     a[0] * a[0] + a[1] * a[1] + a[2] * a[2]
 }
@@ -307,9 +388,10 @@ mod tests {
             .map(|k| [0.09 * (k * 0.37).sin(), 0.08 * (k * 0.73).cos(), 0.01 * (k * 1.9).sin()])
             .collect();
         let mut cloud = Cloud::default();
-        cloud.fill(points.iter().copied(), 0.008);
+        cloud.fill(points.iter().map(|p| (*p, 0)), 0.008);
         let (sigma, uniform) = (0.004f32, 1e6);
-        let found = mixture.expect(&cloud, 0.008, sigma, uniform);
+        let all_seen = Visibility::new(&sheet);
+        let found = mixture.expect(&cloud, &all_seen, 0.008, sigma, uniform);
 
         let variance = f64::from(sigma).powi(2);
         let constant = uniform * (std::f64::consts::TAU * variance).powf(1.5);
@@ -338,7 +420,7 @@ mod tests {
         mixture.place(&sheet.flat_m());
         let mut cloud = Cloud::default();
         let half = sheet.flat_m().into_iter().filter(|p| p[0] < -0.001);
-        cloud.fill(half.chain([[0.5, 0.5, 0.5]]), 0.008);
+        cloud.fill(half.chain([[0.5, 0.5, 0.5]]).map(|p| (p, 0)), 0.008);
         let (explained, supported) = mixture.coverage(&cloud, 0.008, 0.004);
         assert!((explained - 55.0 / 56.0).abs() < 1e-9);
         assert!((supported - 5.0 / 11.0).abs() < 1e-9);

@@ -1,5 +1,6 @@
 //! The `[register]` section of a set.
 
+use orime_geometry::SheetGrid;
 use orime_params::{Checker, Problem};
 use serde::{Deserialize, Serialize};
 
@@ -22,8 +23,8 @@ pub enum RegisterMode {
 #[serde(default, deny_unknown_fields)]
 pub struct RegisterParams {
     /// What the sheet is registered to: `"cpd"` (default), its cloud and contour; or `"markers"`,
-    /// the features that `segment.markers` gives. The keys below, but for `isometry_sweeps` to
-    /// `momentum`, are for the former.
+    /// the features that `segment.markers` gives. The keys below, but for `isometry_sweeps` and
+    /// `flatness`, are for the former.
     pub mode: RegisterMode,
     /// Confidence with which nodes that no camera recognises are carried along with what is seen
     /// near them in space, in mode `"markers"`, 0 to 1: layers that lie on one another move
@@ -55,9 +56,12 @@ pub struct RegisterParams {
     /// Start of the outlier weight w, which then follows the share of unexplained points within
     /// 0.01 to 0.5. Default 0.05.
     pub outlier_weight: f64,
-    /// Mixture components per grid cell and direction; finer ones reach a smaller σ and cost
-    /// their square. Default 2.
-    pub virtual_per_cell: usize,
+    /// Widest spacing of the mixture's components, fraction of the sheet; finer ones reach a
+    /// smaller σ and cost their square. Default 0.021 (3.1 mm on 0.15 m).
+    pub virtual_spacing: f64,
+    /// Spacing of the control points, fraction of the sheet, rounded to grid cells. Default 0.083
+    /// (13 × 13).
+    pub control_spacing: f64,
     /// Eigenvectors of the kernel that may move, at most. Default 40.
     pub modes_max: usize,
     /// Sweeps of the isometry projection in every iteration; 0 lets the model stretch.
@@ -66,8 +70,6 @@ pub struct RegisterParams {
     /// How strongly the sheet is straightened between creases, 0 to 1: paper resists bending,
     /// cloth (0) hardly does. Default 0.5.
     pub flatness: f64,
-    /// Share of the last step's motion that the prediction continues. Default 0.8.
-    pub momentum: f64,
     /// Most points used of a cloud; more are thinned evenly. Default 2000.
     pub points_max: usize,
     /// Fewest points that can constrain the pose. Default 60.
@@ -75,6 +77,10 @@ pub struct RegisterParams {
     /// Weight of the sheet's contour in the colour images, 0 to 4; 0 leaves it out, 1 takes a
     /// contour's error for one pixel. Default 1.
     pub outline_weight: f64,
+    /// Let each camera's points pull only on what that camera can see of the predicted sheet, and
+    /// give nodes that nobody sees no target. Needs layers in the right order: simulate's contact.
+    /// Default false.
+    pub visibility: bool,
     /// Give every node a target instead of the control points (every other node) alone.
     /// Default true; false is the paper.
     pub targets_everywhere: bool,
@@ -97,14 +103,15 @@ impl Default for RegisterParams {
             sigma_start: [0.027, 0.04],
             sigma_floor: 0.0067,
             outlier_weight: 0.05,
-            virtual_per_cell: 2,
+            virtual_spacing: 0.021,
+            control_spacing: 0.083,
             modes_max: 40,
             isometry_sweeps: 10,
             flatness: 0.5,
-            momentum: 0.8,
             points_max: 2000,
             points_min: 60,
             outline_weight: 1.0,
+            visibility: false,
             targets_everywhere: true,
             explained_min: 0.85,
         }
@@ -126,14 +133,15 @@ impl RegisterParams {
             sigma_start,
             sigma_floor,
             outlier_weight,
-            virtual_per_cell,
+            virtual_spacing,
+            control_spacing,
             modes_max,
             isometry_sweeps,
             flatness,
-            momentum,
             points_max,
             points_min,
             outline_weight,
+            visibility: _,
             targets_everywhere: _,
             explained_min,
         } = self;
@@ -153,16 +161,36 @@ impl RegisterParams {
         within("sigma_start", sigma_start[0], *sigma_floor, 1.0);
         within("sigma_start", sigma_start[1], sigma_start[0], 1.0);
         within("outlier_weight", *outlier_weight, 0.001, 0.9);
-        within("virtual_per_cell", *virtual_per_cell as f64, 1.0, 6.0);
+        within("virtual_spacing", *virtual_spacing, 0.005, 0.5);
+        within("control_spacing", *control_spacing, 0.01, 0.5);
         within("modes_max", *modes_max as f64, 3.0, 400.0);
         within("isometry_sweeps", f64::from(*isometry_sweeps), 0.0, 200.0);
         within("flatness", *flatness, 0.0, 1.0);
-        within("momentum", *momentum, 0.0, 1.0);
         within("points_max", *points_max as f64, 100.0, 1e6);
         within("points_min", *points_min as f64, 3.0, *points_max as f64);
         within("outline_weight", *outline_weight, 0.0, 4.0);
         within("explained_min", *explained_min, 0.0, 1.0);
         checker.finish(|| RegisterConfig { params: self.clone() })
+    }
+}
+
+impl RegisterParams {
+    /// Components per grid cell and direction.
+    pub(crate) fn virtual_per_cell(&self, sheet: &SheetGrid) -> usize {
+        let [h_u, h_v] = sheet.spacing_m();
+        let side_m = (sheet.size_m[0] + sheet.size_m[1]) / 2.0;
+        // A hair's breadth more spacing is no reason for twice the components.
+        ((h_u.max(h_v) / (self.virtual_spacing * side_m) - 1e-2).ceil() as usize).clamp(1, 12)
+    }
+
+    /// Control points along u and v.
+    pub(crate) fn controls(&self, sheet: &SheetGrid) -> [usize; 2] {
+        let side_m = (sheet.size_m[0] + sheet.size_m[1]) / 2.0;
+        let spacing = sheet.spacing_m();
+        [0, 1].map(|axis| {
+            let cells = (self.control_spacing * side_m / spacing[axis]).round().max(1.0) as usize;
+            (sheet.nodes[axis] - 1).div_ceil(cells).max(1) + 1
+        })
     }
 }
 

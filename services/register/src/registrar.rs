@@ -2,12 +2,14 @@
 
 mod marked;
 
+use crate::bias::DepthBias;
 use crate::features::Fusion;
 use crate::first_pose;
 use crate::mixture::Cloud;
 use crate::params::{RegisterConfig, RegisterMode, RegisterParams};
 use crate::score::Score;
-use crate::track::{TrackReport, Tracker};
+use crate::track::{Termination, TrackReport, Tracker};
+use orime_creases::Folds;
 use orime_geometry::{Edgel, Feature, ObservedPoint, RgbdCamera, SheetGrid};
 
 /// Whether the sheet is being followed.
@@ -36,6 +38,8 @@ pub struct Observation<'a> {
     pub features: &'a [Feature],
     /// The cameras that `edgels` were seen by; without them the contour is not used.
     pub cameras: &'a [RgbdCamera],
+    /// What is known of the sheet's folds; `None`: a sheet without creases.
+    pub folds: Option<&'a Folds>,
 }
 
 /// What registering one step gave.
@@ -53,13 +57,15 @@ pub struct RegisterReport {
     pub inlier_ratio: f32,
     /// Observed points that were not finite.
     pub points_rejected: u32,
+    /// Why the iterations ended.
+    pub termination: Termination,
 }
 
 /// A pose must beat the current one by this much to replace it: a jump is never taken for noise.
 const BETTER_BY: f64 = 0.1;
 
 /// Registers the sheet to one cloud after the other.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Registrar {
     params: RegisterParams,
     sheet: SheetGrid,
@@ -67,10 +73,9 @@ pub struct Registrar {
     tracker: Tracker,
     fusion: Fusion,
     cloud: Cloud,
+    bias: DepthBias,
     points: Vec<ObservedPoint>,
     nodes_m: Vec<[f32; 3]>,
-    /// The simulator's state one step before its newest, for the prediction.
-    before_m: Option<Vec<[f32; 3]>>,
     has_pose: bool,
     /// Share of the contour that the border has lately explained.
     outlined_usual: f64,
@@ -97,9 +102,9 @@ impl Registrar {
             sheet: sheet.clone(),
             template_m,
             cloud: Cloud::default(),
+            bias: DepthBias::default(),
             points: Vec::new(),
             nodes_m: flat,
-            before_m: None,
             has_pose: false,
             outlined_usual: 0.0,
         }
@@ -110,8 +115,8 @@ impl Registrar {
         self.has_pose = true;
     }
 
-    /// Registers one observation. `predicted_m` is the simulator's newest state (`None` before the
-    /// first pose); `targets_m` and `confidence` (one per node of the sheet) are written:
+    /// Registers one observation. `predicted_m` is where the simulator expects the nodes (`None` before
+    /// the first pose); `targets_m` and `confidence` (one per node of the sheet) are written:
     /// confidence 0 means that the node has no target.
     pub fn register(
         &mut self,
@@ -127,18 +132,36 @@ impl Registrar {
             RegisterReport { points_rejected: self.accept(observed.cloud), ..Default::default() };
         confidence.fill(0.0);
         if self.points.len() < self.params.points_min {
-            self.before_m = None; // A pause breaks the motion that would be continued.
             report.tracking = if self.has_pose { Tracking::Coasting } else { Tracking::Searching };
             return report;
         }
-        let points = self.points.iter().map(|p| p.position_m);
+        if let Some(folds) = observed.folds {
+            self.tracker.refold(folds);
+        }
+        self.bias.fit_to(observed.cameras);
+        self.tracker.mixture.eyes_m.clone_from(&self.bias.eyes_m);
+        let bias = &mut self.bias;
+        let points = self.points.iter().map(|p| (bias.corrected(p), p.camera));
         self.cloud.fill(points, self.tracker.cell_m());
         self.tracker.outline.fill(observed.edgels, observed.cameras);
         let known = predicted_m.filter(|x| self.has_pose && x.len() == self.sheet.len());
         let mut tracked = None;
         if let Some(state) = known {
-            self.predict(state);
+            self.nodes_m.clear();
+            self.nodes_m.extend_from_slice(state);
+            if self.params.visibility {
+                self.tracker.judge_visibility(observed.cameras, &self.nodes_m);
+            }
             let fit = self.tracker.track(&self.cloud, &mut self.nodes_m);
+            if std::env::var("ORIME_NOBIAS").is_err() {
+                self.bias.learn(&self.tracker.mixture.rays);
+                if std::env::var("ORIME_DBGB").is_ok() {
+                    eprintln!(
+                        "{:.2?}",
+                        self.bias.corrections_m().iter().map(|b| b * 1e3).collect::<Vec<_>>()
+                    );
+                }
+            }
             tracked = Some((fit, self.score()));
         }
         let explained_min = self.params.explained_min;
@@ -155,6 +178,7 @@ impl Registrar {
         self.has_pose = true;
         let keep = if report.reset { 0.0 } else { 0.8 };
         self.outlined_usual = keep * self.outlined_usual + (1.0 - keep) * score.outlined;
+        report.termination = fit.termination;
         report.iterations = fit.iterations;
         report.sigma_m = fit.sigma_m;
         report.inlier_ratio = fit.inlier_ratio;
@@ -165,7 +189,6 @@ impl Registrar {
         } else {
             Tracking::Lost
         };
-        self.before_m = known.filter(|_| !report.reset).map(<[_]>::to_vec);
         if fit.iterations > 0 {
             self.write_targets(report.reset, targets_m, confidence);
         }
@@ -182,25 +205,11 @@ impl Registrar {
         (cloud.len() - count) as u32
     }
 
-    /// Continues the last step's motion from the simulator's newest state.
-    fn predict(&mut self, state: &[[f32; 3]]) {
-        let momentum = self.params.momentum as f32;
-        self.nodes_m.clear();
-        match &self.before_m {
-            Some(before) => {
-                self.nodes_m.extend(state.iter().zip(before).map(|(x, old)| {
-                    [0, 1, 2].map(|axis| x[axis] + momentum * (x[axis] - old[axis]))
-                }))
-            }
-            None => self.nodes_m.extend_from_slice(state),
-        }
-    }
-
     fn score(&mut self) -> Score {
         self.tracker.mixture.place(&self.nodes_m);
         let (cell_m, side_m) = (self.tracker.cell_m(), self.tracker.side_m);
         let Tracker { mixture, outline, .. } = &mut self.tracker;
-        Score::of(mixture, outline, &self.cloud, cell_m, side_m)
+        Score::of(mixture, outline, &self.nodes_m, &self.cloud, cell_m, side_m)
     }
 
     /// Looks for a pose in the cloud alone and takes it if it explains clearly more.
@@ -220,6 +229,7 @@ impl Registrar {
         };
         self.nodes_m = pose;
         self.tracker.forget();
+        self.tracker.forget_visibility();
         let fit = self.tracker.track(&self.cloud, &mut self.nodes_m);
         let score = self.score();
         let clearly_better = match tracked {
@@ -236,6 +246,10 @@ impl Registrar {
 
     fn write_targets(&self, everywhere: bool, targets_m: &mut [[f32; 3]], confidence: &mut [f32]) {
         targets_m[..self.nodes_m.len()].copy_from_slice(&self.nodes_m);
+        if self.params.visibility && !everywhere {
+            self.tracker.confidence(confidence);
+            return;
+        }
         let everywhere = everywhere || self.params.targets_everywhere;
         for i in 0..self.sheet.nodes[0] {
             for j in 0..self.sheet.nodes[1] {

@@ -94,6 +94,7 @@ impl Register {
             edgels: cloud.edgels(),
             features: cloud.features(),
             cameras: &self.cameras,
+            folds: None,
         };
         let registrar = &mut self.registrar;
         let predicted_m = self

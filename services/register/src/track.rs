@@ -15,12 +15,15 @@
 //! isometry projection, σ² started warm and floored, the outlier weight estimated.
 
 use crate::basis::{Basis, Corner, corners};
+use crate::blend::Blender;
 use crate::isometry::Isometry;
 use crate::mixture::{Cloud, Mixture, bounds};
 use crate::outline::Outline;
 use crate::params::RegisterParams;
+use crate::visibility::Visibility;
 use nalgebra::{DMatrix, DVector};
-use orime_geometry::SheetGrid;
+use orime_creases::Folds;
+use orime_geometry::{RgbdCamera, SheetGrid};
 
 /// Why the iterations ended. Running out of them is a result, not an error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -50,8 +53,11 @@ pub struct TrackReport {
     pub strain_mean: f32,
 }
 
+/// Points per component at which a node's confidence is one half.
+const MASS_HALF: f32 = 0.1;
+
 /// Everything that registering to one cloud needs and that does not change from frame to frame.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Tracker {
     params: RegisterParams,
     /// Mean side of the sheet, metres: the unit of the fractional parameters.
@@ -63,11 +69,15 @@ pub(crate) struct Tracker {
     /// The contour of the frame set to be tracked; filled by the caller.
     pub outline: Outline,
     isometry: Isometry,
+    visibility: Visibility,
+    folds: Folds,
     /// σ that the next frame starts from, before its bounds, metres.
     sigma_next_m: f32,
     outlier_weight: f64,
     /// Virtual nodes of the prediction.
     start: Vec<[f32; 3]>,
+    /// Contour samples of the prediction.
+    outline_start: Vec<[f32; 3]>,
     /// Σ D B over neighbouring control points: nine entries per control point.
     stencil: Vec<[f64; 9]>,
     force: Vec<[f64; 3]>,
@@ -77,18 +87,23 @@ pub(crate) struct Tracker {
 impl Tracker {
     pub fn new(params: &RegisterParams, sheet: &SheetGrid, rest_m: &[[f32; 3]]) -> Self {
         let side_m = (sheet.size_m[0] + sheet.size_m[1]) / 2.0;
-        let basis = Basis::new(sheet, params.kernel_width * side_m, params.modes_max);
-        let fine = Mixture::fine_nodes(sheet, params.virtual_per_cell);
+        let controls = params.controls(sheet);
+        let basis = Basis::new(sheet, controls, params.kernel_width * side_m, params.modes_max);
+        let per_cell = params.virtual_per_cell(sheet);
+        let fine = Mixture::fine_nodes(sheet, per_cell);
         Self {
             side_m: side_m as f32,
             node_corners: corners(basis.controls, sheet.nodes),
             mixture_corners: corners(basis.controls, fine),
-            mixture: Mixture::new(sheet, params.virtual_per_cell),
-            outline: Outline::new(sheet, params.virtual_per_cell),
+            mixture: Mixture::new(sheet, per_cell),
+            outline: Outline::new(sheet, controls, per_cell),
             isometry: Isometry::new(sheet, rest_m, params.flatness),
             sigma_next_m: 0.0,
             outlier_weight: params.outlier_weight,
+            visibility: Visibility::new(sheet),
+            folds: Folds::flat(sheet),
             start: Vec::new(),
+            outline_start: Vec::new(),
             stencil: vec![[0.0; 9]; basis.len()],
             force: vec![[0.0; 3]; basis.len()],
             moved: vec![[0.0; 3]; basis.len()],
@@ -100,6 +115,31 @@ impl Tracker {
     /// Edge of the cells that clouds are to be sorted into, metres.
     pub fn cell_m(&self) -> f32 {
         0.053 * self.side_m
+    }
+
+    /// Takes over the sheet's folds.
+    pub fn refold(&mut self, folds: &Folds) {
+        if self.folds.facets() == folds.facets() {
+            return;
+        }
+        self.folds.clone_from(folds);
+        let sheet = folds.sheet().clone();
+        let blender = Blender::new(&sheet, folds);
+        self.mixture.refold(&blender);
+        self.outline.refold(&sheet, folds, &blender);
+        self.isometry.refold(folds);
+    }
+
+    /// Finds what each camera can see of the nodes, for the next [`Self::track`].
+    pub fn judge_visibility(&mut self, cameras: &[RgbdCamera], nodes_m: &[[f32; 3]]) {
+        self.mixture.place(nodes_m);
+        let Mixture { positions_m, uv_m, .. } = &self.mixture;
+        self.visibility.judge(cameras, nodes_m, positions_m, uv_m);
+    }
+
+    /// Takes every camera to see everything.
+    pub fn forget_visibility(&mut self) {
+        self.visibility.forget();
     }
 
     /// Forgets σ and the outlier weight of the last frame.
@@ -114,6 +154,8 @@ impl Tracker {
         let predicted = nodes_m.to_vec();
         self.mixture.place(nodes_m);
         self.start.clone_from(&self.mixture.positions_m);
+        self.outline.place(nodes_m);
+        self.outline_start.clone_from(&self.outline.positions_m);
         let [sigma_min, sigma_max] = self.params.sigma_start.map(|s| s as f32 * self.side_m);
         let floor = self.params.sigma_floor as f32 * self.side_m;
         let mut sigma = (1.5 * self.sigma_next_m).clamp(sigma_min, sigma_max);
@@ -122,14 +164,15 @@ impl Tracker {
         let tolerance = self.params.move_tolerance as f32 * self.side_m;
         for _ in 0..self.params.iterations_max {
             let uniform = self.outlier_weight / (1.0 - self.outlier_weight) * components_per_m3;
-            let expected = self.mixture.expect(cloud, self.cell_m(), sigma, uniform);
+            let expected =
+                self.mixture.expect(cloud, &self.visibility, self.cell_m(), sigma, uniform);
             if expected.mass < 1.0 {
                 break; // Fewer than one point explained: there is nothing to move for.
             }
             report.iterations += 1;
             report.inlier_ratio = (expected.mass / cloud.points_m.len() as f64) as f32;
             self.gather();
-            self.gather_outline(report.iterations - 1, f64::from(sigma).powi(2));
+            self.gather_outline(nodes_m, report.iterations - 1, f64::from(sigma).powi(2));
             let Some(modes) = self.solve(lambda * f64::from(sigma).powi(2)) else { break };
             let largest = self.apply(&modes, &predicted, nodes_m);
             sigma = self.sigma_after(nodes_m, expected.squared_m2, expected.mass).max(floor);
@@ -150,13 +193,24 @@ impl Tracker {
         report
     }
 
+    /// How much each node was seen in the last [`Self::track`], 0 … 1: the mass that the points
+    /// gave its components, and whether a camera could see them.
+    pub fn confidence(&self, nodes: &mut [f32]) {
+        let mut seen = vec![0f32; nodes.len()];
+        self.mixture.to_nodes(|m| self.mixture.mass[m] as f32, nodes);
+        self.mixture.to_nodes(|m| f32::from(u8::from(self.visibility.is_seen(m))), &mut seen);
+        for (node, seen) in nodes.iter_mut().zip(seen) {
+            *node = *node / (*node + MASS_HALF) * seen;
+        }
+    }
+
     /// Components per volume of the box in which outliers are taken to be uniform.
     fn components_per_m3(&self, cloud: &Cloud) -> f64 {
         let (low, high) = bounds(&cloud.points_m);
         let margin = 0.13 * f64::from(self.side_m);
         let volume_m3: f64 =
             (0..3).map(|axis| f64::from(high[axis] - low[axis]).max(0.0) + margin).product();
-        self.mixture.positions_m.len() as f64 / volume_m3
+        self.visibility.owners(self.mixture.positions_m.len()) / volume_m3
     }
 
     /// Carries mass and force from the virtual nodes to the control points.
@@ -168,31 +222,41 @@ impl Tracker {
             if mass == 0.0 {
                 continue;
             }
+            let (now, start) = (self.mixture.positions_m[m], self.start[m]);
             let pull = self.mixture.pull_m[m];
-            self.add_row(m, mass, pull);
+            self.add_row(self.mixture_corners[m], now, start, mass, pull);
         }
     }
 
     /// Adds the contour's rows to what [`Self::gather`] collected. They are not tempered: edgels
     /// err less together than depth pixels do.
-    fn gather_outline(&mut self, iteration: u32, variance_m2: f64) {
+    fn gather_outline(&mut self, nodes_m: &[[f32; 3]], iteration: u32, variance_m2: f64) {
         if self.outline.is_empty() {
             return;
         }
-        self.outline.matched(&self.mixture.positions_m, iteration, variance_m2);
+        self.outline.matched(nodes_m, iteration, variance_m2);
         for k in 0..self.outline.rows.len() {
             let row = self.outline.rows[k];
             let weight = row.weight * self.params.outline_weight / self.params.temper;
-            self.add_row(row.component, weight, row.offset_m.map(|offset| offset * weight));
+            let corner = self.outline.samples[row.sample].corner;
+            let (now, start) =
+                (self.outline.positions_m[row.sample], self.outline_start[row.sample]);
+            self.add_row(corner, now, start, weight, row.offset_m.map(|offset| offset * weight));
         }
     }
 
-    /// One component with a weight and Σ weight·(target − where it is now).
-    fn add_row(&mut self, m: usize, mass: f64, pull: [f64; 3]) {
+    /// One material point with a weight and Σ weight·(target − where it is now).
+    fn add_row(
+        &mut self,
+        corner: Corner,
+        now: [f32; 3],
+        start: [f32; 3],
+        mass: f64,
+        pull: [f64; 3],
+    ) {
         // Place of corner `b` in the nine neighbours of corner `a`; row major, own place 4.
         const PLACE: [[usize; 4]; 4] = [[4, 5, 7, 8], [3, 4, 6, 7], [1, 2, 4, 5], [0, 1, 3, 4]];
-        let (corner, stride) = (&self.mixture_corners[m], self.basis.controls[1]);
-        let (now, start) = (self.mixture.positions_m[m], self.start[m]);
+        let stride = self.basis.controls[1];
         let force = [0, 1, 2]
             .map(|axis| pull[axis] + mass * (f64::from(now[axis]) - f64::from(start[axis])));
         for (a, control) in corner.indices(stride).into_iter().enumerate() {

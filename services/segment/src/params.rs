@@ -196,6 +196,11 @@ pub struct SegmentConfig {
 }
 
 impl SegmentConfig {
+    /// Whether the markers of a printed sheet are looked for.
+    pub fn finds_markers(&self) -> bool {
+        self.params.markers != Markers::None
+    }
+
     /// Whether the markers that are to be looked for can be on this sheet; if not, the problem is
     /// about the section `sheet`.
     pub fn check_sheet(&self, sheet: &SheetGrid) -> Result<(), Problem> {

@@ -1,52 +1,211 @@
 //! The `[simulate]` section of a set.
 
+use crate::effect::Effect;
 use orime_params::{Checker, Problem};
 use serde::{Deserialize, Serialize};
 
-/// The `[simulate]` section of a set.
+/// The `[simulate]` section of a set. The solver is built from the effects that it names, and from
+/// nothing else; the section of an effect that is not named has no effect.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SimulateParams {
     /// Substeps per frame. Stretch falls about with their square, cost grows with them.
     /// Default 20.
     pub substeps: u32,
-    /// Links reach nodes 1 … `link_steps` grid steps away, along the axes and the diagonals.
-    /// 1 is a membrane; from 2 on the skip links resist bending. Default 2.
-    pub link_steps: u32,
-    /// Compliance of the links between neighbours, m/N. 0 is inextensible (paper). Default 0.
-    pub stretch_compliance_m_per_n: f64,
+    /// What acts on the sheet. Default: stretch, shear, bend, damping, air_drag, facets, grippers
+    /// and track.
+    pub effects: Vec<Effect>,
+    /// Links between neighbours along u and v.
+    pub stretch: ComplianceParams,
+    /// Links between neighbours along the cells' diagonals.
+    pub shear: ComplianceParams,
+    /// Resistance to bending.
+    pub bend: BendParams,
+    /// Damping of the links.
+    pub damping: DampingParams,
+    /// Gravity.
+    pub gravity: GravityParams,
+    /// Air.
+    pub air_drag: AirDragParams,
+    /// The table.
+    pub table: TableParams,
+    /// Stiff parts between creases.
+    pub facets: FacetsParams,
+    /// What holds the sheet.
+    pub grippers: GrippersParams,
+    /// The pull of the targets.
+    pub track: TrackParams,
+    /// The prediction of the next pose.
+    pub predict: PredictParams,
+}
+
+/// `[simulate.stretch]` and `[simulate.shear]`.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ComplianceParams {
+    /// Compliance of a link, m/N. 0 is inextensible (paper). Default 0.
+    pub compliance_m_per_n: f64,
+}
+
+/// `[simulate.bend]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct BendParams {
+    /// Skip links reach nodes 2 … `reach` grid steps away, along the axes and the diagonals.
+    /// Default 2.
+    pub reach: u32,
     /// Compliance of the skip links, m/N: how willingly the sheet bends. Small values keep it
     /// smooth and make it refuse a sharp fold. Default 100.
-    pub bend_compliance_m_per_n: f64,
+    pub compliance_m_per_n: f64,
+}
+
+/// `[simulate.damping]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct DampingParams {
     /// Damping time of the links, s: XPBD's `β/α` as one time scale, so that
-    /// `γ = damping_s / dt`. Default 0.0005.
-    pub damping_s: f64,
+    /// `γ = time_s / dt`. Default 0.0005.
+    pub time_s: f64,
+}
+
+/// `[simulate.gravity]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct GravityParams {
+    /// Acceleration along world −z, m/s². Default 9.81; tracked targets already carry its
+    /// effect, so that the effect itself is not named by default.
+    pub acceleration_m_per_s2: f64,
+}
+
+/// `[simulate.air_drag]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct AirDragParams {
     /// Share of the velocity that is lost per second to the air, 1/s. Default 12.
-    pub drag_per_s: f64,
-    /// Natural frequency of the virtual springs to the targets, Hz. High values follow the
-    /// targets and their noise, low ones lag. Default 48.
-    pub track_hz: f64,
+    pub per_s: f64,
+}
+
+/// `[simulate.table]`.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TableParams {
+    /// Height of the table, world z, metres: no node goes below. Default 0.
+    pub height_m: f64,
+    /// Coulomb friction: share of the way into the table by which a node's way along it is
+    /// shortened. Default 0.
+    pub friction: f64,
+}
+
+/// `[simulate.facets]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FacetsParams {
+    /// Share of the way to its facet's rigid pose that a node goes in a substep. Paper hardly
+    /// bends between creases (0.3), cloth does (0.01). A sheet of one facet is left alone.
+    /// Default 0.3.
+    pub strength: f64,
+}
+
+/// `[simulate.grippers]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct GrippersParams {
+    /// Share of the way to where it is held that a grasped point goes in a substep. 1 follows the
+    /// gripper exactly, its errors included. Default 0.8.
+    pub strength: f64,
+}
+
+/// `[simulate.track]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TrackParams {
+    /// Natural frequency of the virtual springs to the targets, Hz, at full confidence. High
+    /// values follow the targets and their noise, low ones lag. Default 48.
+    pub frequency_hz: f64,
     /// Largest acceleration that a target may cause, m/s². A target that is far away pulls, it
     /// never teleports. Default 400.
-    pub track_acceleration_max_m_per_s2: f64,
-    /// Downward acceleration along world −z, m/s². The targets already carry gravity's effect,
-    /// so 0 by default.
-    pub gravity_m_per_s2: f64,
+    pub acceleration_max_m_per_s2: f64,
+}
+
+/// `[simulate.predict]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PredictParams {
+    /// Share of the last motion that goes on. Default 0.8.
+    pub momentum: f64,
+    /// Share of the way back to its extrapolated place that a node goes in a substep. Default
+    /// 0.15.
+    pub hold: f64,
+    /// Substeps that the links, facets and grippers get. Default 12.
+    pub substeps: u32,
 }
 
 impl Default for SimulateParams {
     fn default() -> Self {
+        use Effect::{AirDrag, Bend, Damping, Facets, Grippers, Shear, Stretch, Track};
         Self {
             substeps: 20,
-            link_steps: 2,
-            stretch_compliance_m_per_n: 0.0,
-            bend_compliance_m_per_n: 100.0,
-            damping_s: 0.0005,
-            drag_per_s: 12.0,
-            track_hz: 48.0,
-            track_acceleration_max_m_per_s2: 400.0,
-            gravity_m_per_s2: 0.0,
+            effects: vec![Stretch, Shear, Bend, Damping, AirDrag, Facets, Grippers, Track],
+            stretch: ComplianceParams::default(),
+            shear: ComplianceParams::default(),
+            bend: BendParams::default(),
+            damping: DampingParams::default(),
+            gravity: GravityParams::default(),
+            air_drag: AirDragParams::default(),
+            table: TableParams::default(),
+            facets: FacetsParams::default(),
+            grippers: GrippersParams::default(),
+            track: TrackParams::default(),
+            predict: PredictParams::default(),
         }
+    }
+}
+
+impl Default for BendParams {
+    fn default() -> Self {
+        Self { reach: 2, compliance_m_per_n: 100.0 }
+    }
+}
+
+impl Default for DampingParams {
+    fn default() -> Self {
+        Self { time_s: 0.0005 }
+    }
+}
+
+impl Default for GravityParams {
+    fn default() -> Self {
+        Self { acceleration_m_per_s2: 9.81 }
+    }
+}
+
+impl Default for AirDragParams {
+    fn default() -> Self {
+        Self { per_s: 12.0 }
+    }
+}
+
+impl Default for FacetsParams {
+    fn default() -> Self {
+        Self { strength: 0.3 }
+    }
+}
+
+impl Default for GrippersParams {
+    fn default() -> Self {
+        Self { strength: 0.8 }
+    }
+}
+
+impl Default for TrackParams {
+    fn default() -> Self {
+        Self { frequency_hz: 48.0, acceleration_max_m_per_s2: 400.0 }
+    }
+}
+
+impl Default for PredictParams {
+    fn default() -> Self {
+        Self { momentum: 0.8, hold: 0.15, substeps: 12 }
     }
 }
 
@@ -55,30 +214,47 @@ impl SimulateParams {
     pub fn check(&self) -> Result<SimulateConfig, Vec<Problem>> {
         let Self {
             substeps,
-            link_steps,
-            stretch_compliance_m_per_n,
-            bend_compliance_m_per_n,
-            damping_s,
-            drag_per_s,
-            track_hz,
-            track_acceleration_max_m_per_s2,
-            gravity_m_per_s2,
+            effects,
+            stretch,
+            shear,
+            bend,
+            damping,
+            gravity,
+            air_drag,
+            table,
+            facets,
+            grippers,
+            track,
+            predict,
         } = self;
         let mut checker = Checker::new();
+        for (at, effect) in effects.iter().enumerate() {
+            let new = !effects[..at].contains(effect);
+            checker.require(new, "effects", effect.name(), "is named twice");
+        }
         let mut within = |key: &str, value: f64, low: f64, high: f64, unit: &str| {
             let requirement = format!("must be {low} to {high} {unit}");
             checker.require(low <= value && value <= high, key, value, requirement.trim_end());
         };
         within("substeps", f64::from(*substeps), 1.0, 1000.0, "");
-        within("link_steps", f64::from(*link_steps), 1.0, 4.0, "");
-        within("stretch_compliance_m_per_n", *stretch_compliance_m_per_n, 0.0, 1e6, "m/N");
-        within("bend_compliance_m_per_n", *bend_compliance_m_per_n, 0.0, 1e6, "m/N");
-        within("damping_s", *damping_s, 0.0, 1.0, "s");
-        within("drag_per_s", *drag_per_s, 0.0, 1000.0, "1/s");
-        within("track_hz", *track_hz, 0.1, 10_000.0, "Hz");
-        let acceleration = *track_acceleration_max_m_per_s2;
-        within("track_acceleration_max_m_per_s2", acceleration, 0.1, 1e6, "m/s²");
-        within("gravity_m_per_s2", *gravity_m_per_s2, -20.0, 20.0, "m/s²");
+        within("stretch.compliance_m_per_n", stretch.compliance_m_per_n, 0.0, 1e6, "m/N");
+        within("shear.compliance_m_per_n", shear.compliance_m_per_n, 0.0, 1e6, "m/N");
+        within("bend.reach", f64::from(bend.reach), 2.0, 4.0, "grid steps");
+        within("bend.compliance_m_per_n", bend.compliance_m_per_n, 0.0, 1e6, "m/N");
+        within("damping.time_s", damping.time_s, 0.0, 1.0, "s");
+        let acceleration = gravity.acceleration_m_per_s2;
+        within("gravity.acceleration_m_per_s2", acceleration, -20.0, 20.0, "m/s²");
+        within("air_drag.per_s", air_drag.per_s, 0.0, 1000.0, "1/s");
+        within("table.height_m", table.height_m, -1e4, 1e4, "m");
+        within("table.friction", table.friction, 0.0, 10.0, "");
+        within("facets.strength", facets.strength, 0.0, 1.0, "");
+        within("grippers.strength", grippers.strength, 0.0, 1.0, "");
+        within("track.frequency_hz", track.frequency_hz, 0.1, 10_000.0, "Hz");
+        let acceleration = track.acceleration_max_m_per_s2;
+        within("track.acceleration_max_m_per_s2", acceleration, 0.1, 1e6, "m/s²");
+        within("predict.momentum", predict.momentum, 0.0, 1.0, "");
+        within("predict.hold", predict.hold, 0.0, 1.0, "");
+        within("predict.substeps", f64::from(predict.substeps), 1.0, 1000.0, "");
         checker.finish(|| SimulateConfig { params: self.clone() })
     }
 }
@@ -98,11 +274,21 @@ mod tests {
         assert!(SimulateParams::default().check().is_ok());
         let bad = SimulateParams {
             substeps: 0,
-            damping_s: f64::NAN,
-            track_hz: -1.0,
+            effects: vec![Effect::Stretch, Effect::Stretch],
+            damping: DampingParams { time_s: f64::NAN },
+            track: TrackParams { frequency_hz: -1.0, ..TrackParams::default() },
             ..SimulateParams::default()
         };
         let keys: Vec<String> = bad.check().unwrap_err().into_iter().map(|p| p.key).collect();
-        assert_eq!(keys, ["substeps", "damping_s", "track_hz"]);
+        assert_eq!(keys, ["effects", "substeps", "damping.time_s", "track.frequency_hz"]);
+    }
+
+    #[test]
+    fn a_section_names_its_effects() {
+        let text = "effects = [\"stretch\", \"air_drag\"]\n[air_drag]\nper_s = 3.0\n";
+        let params: SimulateParams = toml::from_str(text).unwrap();
+        assert_eq!(params.effects, [Effect::Stretch, Effect::AirDrag]);
+        assert_eq!(params.air_drag.per_s, 3.0);
+        assert!(toml::from_str::<SimulateParams>("effects = [\"wind\"]").is_err());
     }
 }

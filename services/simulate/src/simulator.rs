@@ -4,10 +4,13 @@
 //!
 //! ```text
 //! x° = x;  v ← v·e^(−drag·dt) + a·dt;  x ← x + v·dt
-//! targets:  x ← x + (t − x)·r,  r = 1/(1 + 1/(ω²dt²)),  |(t − x)·r| ≤ a_max·dt²
+//! targets:   x ← x + (t − x)·r,  r = 1/(1 + 1/(ω²dt²)),  |(t − x)·r| ≤ a_max·dt²
+//! grippers:  the held point goes a share of the way to its gripper
 //! links, colour by colour, n = (x₂ − x₁)/|x₂ − x₁|, C = |x₂ − x₁| − d, α̃ = α/dt²:
 //!     s = (C + γ n·[(x₂ − x₂°) − (x₁ − x₁°)]) / ((1 + γ)(w₁ + w₂) + α̃)
 //!     x₁ ← x₁ + w₁ s n,   x₂ ← x₂ − w₂ s n
+//! facets:    x ← x + k·(g − x), g = the facet's best rigid pose
+//! table:     z ≥ height, and friction
 //! v = (x − x°)/dt
 //! ```
 //!
@@ -15,8 +18,12 @@
 //! scaled by mass (a frequency, not a stiffness), so that one setting fits any sheet; the paper's
 //! Eq. (1) damps absolute motion and is not used (`../shared/paper/NOTES.md`).
 
-use crate::links::{Colour, coloured};
-use crate::params::{SimulateConfig, SimulateParams};
+use crate::effect::Effect;
+use crate::grips::{Anchor, Grip};
+use crate::links::{Colour, coloured, facets_of_node};
+use crate::params::{PredictParams, SimulateConfig, SimulateParams};
+use crate::passes;
+use orime_creases::Folds;
 use orime_geometry::SheetGrid;
 
 /// What one step did.
@@ -32,6 +39,8 @@ pub const FRAME_S_MAX: f64 = 0.1;
 pub const FRAME_S_MIN: f64 = 1e-4;
 /// Length of a frame before any period is known, seconds.
 pub const FRAME_S_NOMINAL: f64 = 1.0 / 30.0;
+/// Most grippers that hold a sheet at a time.
+pub const GRIPS_MAX: usize = 16;
 
 /// Length of the frame that ends at `exposure_ns`, seconds: the time since the last exposure, and
 /// [`FRAME_S_NOMINAL`] where there was none or the clock went backwards.
@@ -40,10 +49,19 @@ pub fn frame_s(before_ns: Option<u64>, exposure_ns: u64) -> f64 {
     elapsed_ns.map_or(FRAME_S_NOMINAL, |ns| ns as f64 * 1e-9)
 }
 
+/// A frame's length as it is simulated. NaN clamps to NaN; a frame of unknown length does not move
+/// the sheet.
+fn clamped_s(dt_s: f64) -> f64 {
+    if dt_s.is_nan() { FRAME_S_MIN } else { dt_s.clamp(FRAME_S_MIN, FRAME_S_MAX) }
+}
+
 /// The sheet's mass points and springs.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Simulator {
     params: SimulateParams,
+    folds: Folds,
+    facets_of_node: Vec<u32>,
+    uv_m: Vec<[f64; 2]>,
     colours: Vec<Colour>,
     /// Inverse mass of a node, 1/kg; all nodes are equal.
     inverse_mass_per_kg: f32,
@@ -52,8 +70,24 @@ pub struct Simulator {
     x: Vec<[f32; 3]>,
     v: Vec<[f32; 3]>,
     before: Vec<[f32; 3]>,
+    /// Smoothed motion from frame to frame, m/s.
+    motion_m_per_s: Vec<[f32; 3]>,
     targets: Vec<(u32, f32, [f32; 3])>,
+    anchors: Vec<Anchor>,
+    substeps_done: u32,
+    /// Holds the state while a prediction is made.
+    kept: [Vec<[f32; 3]>; 2],
     world: Vec<[f32; 3]>,
+    predicted: Vec<[f32; 3]>,
+}
+
+/// What pulls the nodes in a substep.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Pull {
+    /// The targets, with capped force; velocity is kept from substep to substep.
+    Targets,
+    /// Each node's own extrapolated place; nothing moves on by itself.
+    Hold,
 }
 
 impl Simulator {
@@ -68,17 +102,57 @@ impl Simulator {
         let flat = sheet.flat_m();
         let rest = rest_m.unwrap_or(&flat);
         assert_eq!(rest.len(), sheet.len(), "one rest position per node");
+        let params = config.params.clone();
         let node_kg = density_kg_per_m2 * sheet.size_m[0] * sheet.size_m[1] / sheet.len() as f64;
+        let folds = Folds::flat(sheet);
+        let zeros = vec![[0.0; 3]; rest.len()];
         Self {
-            params: config.params.clone(),
-            colours: coloured(sheet, config.params.link_steps as usize, rest),
+            colours: coloured(sheet, &params.effects, params.bend.reach as usize, rest),
+            params,
+            facets_of_node: facets_of_node(&folds),
+            uv_m: sheet.uv_m().collect(),
+            folds,
             inverse_mass_per_kg: (1.0 / node_kg) as f32,
             origin_m: [0.0; 3],
-            v: vec![[0.0; 3]; rest.len()],
+            v: zeros.clone(),
             before: rest.to_vec(),
+            motion_m_per_s: zeros,
             targets: Vec::with_capacity(rest.len()),
+            anchors: Vec::with_capacity(GRIPS_MAX),
+            substeps_done: 0,
+            kept: [rest.to_vec(), rest.to_vec()],
             world: rest.to_vec(),
+            predicted: rest.to_vec(),
             x: rest.to_vec(),
+        }
+    }
+
+    /// What is known of the sheet's folds; angles and layer order are observed after every step.
+    pub fn folds(&self) -> &Folds {
+        &self.folds
+    }
+
+    /// Takes over facets and creases: links that cross a crease give way, and each facet is held
+    /// together. Facets that are known already change nothing, neither angles nor order.
+    pub fn set_folds(&mut self, folds: &Folds) {
+        assert_eq!(folds.sheet(), self.folds.sheet(), "folds of another sheet");
+        if folds.facets() == self.folds.facets() {
+            return;
+        }
+        self.folds = folds.clone();
+        self.facets_of_node = facets_of_node(folds);
+        for colour in &mut self.colours {
+            colour.cross(folds, &self.facets_of_node);
+        }
+    }
+
+    /// The points that are held from now on, at most [`GRIPS_MAX`]; a point that is off the sheet
+    /// or not finite is left out. Nothing holds the sheet unless `grippers` is among the effects.
+    pub fn set_grips(&mut self, grips: &[Grip]) {
+        self.anchors.clear();
+        if self.has(Effect::Grippers) {
+            let anchor = |grip| Anchor::new(grip, &self.folds, &self.facets_of_node, self.origin_m);
+            self.anchors.extend(grips.iter().filter_map(anchor).take(GRIPS_MAX));
         }
     }
 
@@ -100,19 +174,52 @@ impl Simulator {
         if reset && all_finite && targets_m.len() == self.x.len() {
             self.take_over(targets_m);
         } else {
-            self.accept_targets(targets_m, confidence, &mut report);
-            // NaN clamps to NaN; a frame of unknown length does not move the sheet.
-            let dt_s =
-                if dt_s.is_nan() { FRAME_S_MIN } else { dt_s.clamp(FRAME_S_MIN, FRAME_S_MAX) };
+            if self.has(Effect::Track) {
+                self.accept_targets(targets_m, confidence, &mut report);
+            }
+            self.kept[0].copy_from_slice(&self.x);
+            let dt_s = clamped_s(dt_s);
             let substep_s = (dt_s / f64::from(self.params.substeps)) as f32;
             for _ in 0..self.params.substeps {
-                self.substep(substep_s);
+                self.substep(substep_s, Pull::Targets);
+            }
+            let per_s = 1.0 / dt_s as f32;
+            for ((motion, x), before) in
+                self.motion_m_per_s.iter_mut().zip(&self.x).zip(&self.kept[0])
+            {
+                *motion = [0, 1, 2].map(|k| 0.5 * motion[k] + 0.5 * (x[k] - before[k]) * per_s);
             }
         }
-        for (world, x) in self.world.iter_mut().zip(&self.x) {
-            *world = [0, 1, 2].map(|axis| x[axis] + self.origin_m[axis]);
+        to_world(&self.x, self.origin_m, &mut self.world);
+        if self.folds.facets().len() > 1 {
+            self.folds.observe(&self.world);
         }
         report
+    }
+
+    /// Where the nodes will be `dt_s` after the last step, world frame, metres: the last motion
+    /// goes on for the most part, then grippers, links and facets are obeyed, every node being
+    /// held softly. The state is left as it is.
+    pub fn predict(&mut self, dt_s: f64) -> &[[f32; 3]] {
+        let PredictParams { momentum, substeps, .. } = self.params.predict;
+        let dt_s = clamped_s(dt_s);
+        self.kept[0].copy_from_slice(&self.x);
+        self.kept[1].copy_from_slice(&self.v);
+        let ahead_s = (momentum * dt_s) as f32;
+        self.targets.clear();
+        for (node, (x, motion)) in self.x.iter_mut().zip(&self.motion_m_per_s).enumerate() {
+            *x = [0, 1, 2].map(|axis| x[axis] + motion[axis] * ahead_s);
+            self.targets.push((node as u32, 1.0, *x));
+        }
+        let done = self.substeps_done;
+        for _ in 0..substeps {
+            self.substep((dt_s / f64::from(substeps)) as f32, Pull::Hold);
+        }
+        self.substeps_done = done;
+        to_world(&self.x, self.origin_m, &mut self.predicted);
+        self.x.copy_from_slice(&self.kept[0]);
+        self.v.copy_from_slice(&self.kept[1]);
+        &self.predicted
     }
 
     /// Node positions, world frame, metres, index order of the sheet.
@@ -120,12 +227,22 @@ impl Simulator {
         &self.world
     }
 
+    fn has(&self, effect: Effect) -> bool {
+        self.params.effects.contains(&effect)
+    }
+
     fn take_over(&mut self, positions_m: &[[f32; 3]]) {
+        let before = self.origin_m;
         self.origin_m = positions_m[positions_m.len() / 2];
         for (x, position) in self.x.iter_mut().zip(positions_m) {
             *x = [0, 1, 2].map(|axis| position[axis] - self.origin_m[axis]);
         }
+        for anchor in &mut self.anchors {
+            let at = &mut anchor.position_m;
+            *at = [0, 1, 2].map(|axis| at[axis] + before[axis] - self.origin_m[axis]);
+        }
         self.v.fill([0.0; 3]);
+        self.motion_m_per_s.fill([0.0; 3]);
     }
 
     fn accept_targets(
@@ -147,200 +264,74 @@ impl Simulator {
         }
     }
 
-    fn substep(&mut self, dt_s: f32) {
-        let keep = (-(self.params.drag_per_s as f32) * dt_s).exp();
-        let fall = self.params.gravity_m_per_s2 as f32 * dt_s;
-        for ((x, v), before) in self.x.iter_mut().zip(&mut self.v).zip(&mut self.before) {
-            *before = *x;
+    fn substep(&mut self, dt_s: f32, pull: Pull) {
+        let tracking = pull == Pull::Targets;
+        self.before.copy_from_slice(&self.x);
+        if tracking {
+            self.drift(dt_s);
+            passes::pull(&self.params.track, &self.targets, dt_s, &mut self.x);
+        } else {
+            passes::hold(self.params.predict.hold as f32, &self.targets, &mut self.x);
+        }
+        for anchor in &self.anchors {
+            anchor.pull(&mut self.x, self.params.grippers.strength as f32);
+        }
+        self.project(dt_s);
+        if self.has(Effect::Facets) && self.folds.facets().len() > 1 {
+            let strength = self.params.facets.strength;
+            let forward = self.substeps_done.is_multiple_of(2);
+            passes::hold_facets(&self.folds, strength, forward, &self.uv_m, &mut self.x);
+        }
+        if self.has(Effect::Table) {
+            let height_m = self.params.table.height_m as f32 - self.origin_m[2];
+            let friction = self.params.table.friction as f32;
+            passes::rest_on_table(height_m, friction, &self.before, &mut self.x);
+        }
+        self.substeps_done = self.substeps_done.wrapping_add(1);
+        if tracking {
+            for ((x, v), before) in self.x.iter().zip(&mut self.v).zip(&self.before) {
+                *v = [0, 1, 2].map(|axis| (x[axis] - before[axis]) / dt_s);
+            }
+        }
+    }
+
+    /// Free motion: gravity, air, inertia.
+    fn drift(&mut self, dt_s: f32) {
+        let drag_per_s = if self.has(Effect::AirDrag) { self.params.air_drag.per_s } else { 0.0 };
+        let keep = (-(drag_per_s as f32) * dt_s).exp();
+        let gravity = self.params.gravity.acceleration_m_per_s2 as f32;
+        let fall = if self.has(Effect::Gravity) { gravity * dt_s } else { 0.0 };
+        for (x, v) in self.x.iter_mut().zip(&mut self.v) {
             v[2] -= fall;
             for axis in 0..3 {
                 v[axis] *= keep;
                 x[axis] += v[axis] * dt_s;
             }
         }
-        self.pull(dt_s);
-        for colour in &self.colours {
-            let compliance = if colour.is_stretch {
-                self.params.stretch_compliance_m_per_n
-            } else {
-                self.params.bend_compliance_m_per_n
-            };
-            let gamma = self.params.damping_s as f32 / dt_s;
-            let alpha = compliance as f32 / (dt_s * dt_s); // [1/kg]
-            project(colour, self.inverse_mass_per_kg, alpha, gamma, &mut self.x, &self.before);
-        }
-        for ((x, v), before) in self.x.iter().zip(&mut self.v).zip(&self.before) {
-            *v = [0, 1, 2].map(|axis| (x[axis] - before[axis]) / dt_s);
-        }
     }
 
-    /// Virtual zero-rest-length springs to the targets, with a capped acceleration.
-    fn pull(&mut self, dt_s: f32) {
-        let omega_dt = std::f32::consts::TAU * self.params.track_hz as f32 * dt_s;
-        let move_max_m = self.params.track_acceleration_max_m_per_s2 as f32 * dt_s * dt_s;
-        for (node, confidence, target) in &self.targets {
-            let stiffness = omega_dt * omega_dt * confidence;
-            let ratio = stiffness / (1.0 + stiffness);
-            let x = &mut self.x[*node as usize];
-            let offset = [0, 1, 2].map(|axis| (target[axis] - x[axis]) * ratio);
-            let length = offset.iter().map(|c| c * c).sum::<f32>().sqrt();
-            let cap = if length > move_max_m { move_max_m / length } else { 1.0 };
-            for axis in 0..3 {
-                x[axis] += offset[axis] * cap;
-            }
+    /// Links, colour by colour.
+    fn project(&mut self, dt_s: f32) {
+        let damping_s = if self.has(Effect::Damping) { self.params.damping.time_s } else { 0.0 };
+        let gamma = damping_s as f32 / dt_s;
+        for colour in &self.colours {
+            let compliance = match colour.effect {
+                Effect::Stretch => self.params.stretch.compliance_m_per_n,
+                Effect::Shear => self.params.shear.compliance_m_per_n,
+                _ => self.params.bend.compliance_m_per_n,
+            };
+            let alpha = compliance as f32 / (dt_s * dt_s); // [1/kg]
+            let weight = self.inverse_mass_per_kg;
+            passes::project(colour, weight, alpha, gamma, &mut self.x, &self.before);
         }
     }
 }
 
-/// Projects one colour of distance links; the module's head has the equation.
-fn project(
-    colour: &Colour,
-    weight_per_kg: f32,
-    alpha_per_kg: f32,
-    gamma: f32,
-    x: &mut [[f32; 3]],
-    before: &[[f32; 3]],
-) {
-    let denominator = (1.0 + gamma) * 2.0 * weight_per_kg + alpha_per_kg;
-    for ([a, b], rest_m) in colour.ends.iter().zip(&colour.rest_m) {
-        let (a, b) = (*a as usize, *b as usize);
-        let (xa, xb, oa, ob) = (x[a], x[b], before[a], before[b]);
-        let d = [xb[0] - xa[0], xb[1] - xa[1], xb[2] - xa[2]];
-        let length = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt();
-        if length < 1e-9 {
-            continue; // Coincident nodes have no direction; their other links part them.
-        }
-        let closing = d[0] * ((xb[0] - ob[0]) - (xa[0] - oa[0]))
-            + d[1] * ((xb[1] - ob[1]) - (xa[1] - oa[1]))
-            + d[2] * ((xb[2] - ob[2]) - (xa[2] - oa[2]));
-        let violation = length - rest_m;
-        let s = (violation + gamma * closing / length) / denominator; // [kg m]
-        let scale = weight_per_kg * s / length;
-        for axis in 0..3 {
-            x[a][axis] = xa[axis] + scale * d[axis];
-            x[b][axis] = xb[axis] - scale * d[axis];
-        }
+fn to_world(x: &[[f32; 3]], origin_m: [f32; 3], world: &mut [[f32; 3]]) {
+    for (world, x) in world.iter_mut().zip(x) {
+        *world = [0, 1, 2].map(|axis| x[axis] + origin_m[axis]);
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn simulator(params: SimulateParams) -> (Simulator, SheetGrid) {
-        let sheet = SheetGrid::new([0.15, 0.15], [25, 25]);
-        (Simulator::new(&params.check().unwrap(), &sheet, 0.08, None), sheet)
-    }
-
-    fn strain_max(x: &[[f32; 3]], sheet: &SheetGrid) -> f64 {
-        let strain = |([a, b], rest): ([u32; 2], f64)| {
-            let (a, b) = (x[a as usize], x[b as usize]);
-            let squared: f64 = (0..3).map(|k| f64::from(b[k] - a[k]).powi(2)).sum();
-            (squared.sqrt() / rest - 1.0).abs()
-        };
-        sheet.edges().into_iter().map(strain).fold(0.0, f64::max)
-    }
-
-    #[test]
-    fn a_sheet_hung_by_two_corners_stretches_less_with_more_substeps() {
-        let mut last = f64::INFINITY;
-        // design/simulate.md, fact 1, allows 6.5 and 1.9 % at 20 and 40 substeps a 1/60 s frame.
-        for (substeps, strain_allowed) in [(20, 0.08), (40, 0.025)] {
-            let (mut simulator, sheet) = simulator(SimulateParams {
-                substeps,
-                link_steps: 4,
-                bend_compliance_m_per_n: 0.0,
-                track_hz: 10_000.0,
-                track_acceleration_max_m_per_s2: 1e6,
-                drag_per_s: 1.0,
-                gravity_m_per_s2: 9.81,
-                ..SimulateParams::default()
-            });
-            let targets = sheet.flat_m();
-            let mut confidence = vec![0.0; sheet.len()];
-            confidence[0] = 1.0;
-            confidence[sheet.index(0, 24)] = 1.0;
-            let mut worst: f64 = 0.0;
-            for _ in 0..60 {
-                simulator.step(1.0 / 60.0, &targets, &confidence, false);
-                worst = worst.max(strain_max(simulator.positions_m(), &sheet));
-            }
-            assert!(worst < strain_allowed && worst < last, "{substeps} substeps: {worst}");
-            last = worst;
-        }
-    }
-
-    #[test]
-    fn damping_takes_no_momentum_from_free_flight() {
-        let (mut simulator, sheet) =
-            simulator(SimulateParams { drag_per_s: 0.0, damping_s: 0.01, ..Default::default() });
-        simulator.v.fill([0.3, -0.1, 0.2]);
-        let none = vec![0.0; sheet.len()];
-        let start = simulator.positions_m().to_vec();
-        for _ in 0..30 {
-            simulator.step(1.0 / 30.0, &start, &none, false);
-        }
-        let travelled = [0, 1, 2].map(|axis| {
-            (0..sheet.len())
-                .map(|n| f64::from(simulator.positions_m()[n][axis] - start[n][axis]))
-                .sum::<f64>()
-                / sheet.len() as f64
-        });
-        for (travelled, expected) in travelled.into_iter().zip([0.3, -0.1, 0.2]) {
-            assert!((travelled - expected).abs() < 1e-4, "{travelled} instead of {expected}");
-        }
-    }
-
-    #[test]
-    fn targets_are_reached_and_nonsense_is_rejected() {
-        let (mut simulator, sheet) = simulator(SimulateParams::default());
-        let mut targets: Vec<[f32; 3]> =
-            sheet.flat_m().iter().map(|p| [p[0] + 0.005, p[1], p[2] + 0.003]).collect();
-        targets[7] = [f32::NAN, 0.0, 0.0];
-        let mut confidence = vec![1.0; sheet.len()];
-        confidence[9] = f32::NAN;
-        let mut report = SimulateReport::default();
-        for _ in 0..30 {
-            report = simulator.step(1.0 / 30.0, &targets, &confidence, false);
-        }
-        assert_eq!(report.targets_rejected, 2);
-        for (x, target) in simulator.positions_m().iter().zip(&targets) {
-            if target[0].is_finite() {
-                assert!((0..3).all(|axis| (x[axis] - target[axis]).abs() < 1e-4));
-            }
-        }
-        assert!(simulator.positions_m().iter().flatten().all(|c| c.is_finite()));
-    }
-
-    #[test]
-    fn reset_takes_a_pose_over_at_once_even_far_from_the_origin() {
-        let (mut simulator, sheet) = simulator(SimulateParams::default());
-        let pose: Vec<[f32; 3]> =
-            sheet.flat_m().iter().map(|p| [p[0] + 1000.0, p[1], p[2]]).collect();
-        simulator.step(1.0 / 30.0, &pose, &vec![1.0; sheet.len()], true);
-        assert_eq!(simulator.positions_m(), pose);
-        // A pose with a hole in it is no pose: the state is kept.
-        let mut broken = sheet.flat_m();
-        broken[3][1] = f32::INFINITY;
-        simulator.step(1.0 / 30.0, &broken, &vec![0.0; sheet.len()], true);
-        assert!(simulator.positions_m().iter().all(|p| (p[0] - 1000.0).abs() < 0.1));
-    }
-
-    #[test]
-    fn frames_last_from_exposure_to_exposure() {
-        assert_eq!(frame_s(None, 5), FRAME_S_NOMINAL);
-        assert_eq!(frame_s(Some(1_000_000_000), 1_020_000_000), 0.02);
-        assert_eq!(frame_s(Some(7), 3), FRAME_S_NOMINAL);
-    }
-
-    #[test]
-    fn odd_frame_lengths_never_blow_up() {
-        let (mut simulator, sheet) = simulator(SimulateParams::default());
-        let targets: Vec<[f32; 3]> = sheet.flat_m().iter().map(|p| [p[1], p[0], 0.2]).collect();
-        let confidence = vec![1.0; sheet.len()];
-        for dt_s in [1.0 / 30.0, 5.0, 0.0, -1.0, f64::NAN, 1.0 / 300.0, 0.3, f64::INFINITY] {
-            simulator.step(dt_s, &targets, &confidence, false);
-            assert!(simulator.positions_m().iter().flatten().all(|c| c.abs() < 1.0));
-        }
-    }
-}
+mod tests;

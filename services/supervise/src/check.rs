@@ -7,7 +7,7 @@ use std::path::Path;
 use orime_capture::CaptureParams;
 use orime_geometry::{RgbdCamera, SheetParams};
 use orime_params::Problem;
-use orime_register::RegisterParams;
+use orime_register::{RegisterMode, RegisterParams};
 use orime_runtime::{Pace, SECTIONS, SetFile};
 use orime_segment::SegmentParams;
 use orime_simulate::SimulateParams;
@@ -65,6 +65,7 @@ pub fn check(path: &Path, text: &str) -> Result<CheckedSet, Vec<PlacedProblem>> 
         }
     };
     check.ranges(&set);
+    check.agreement(&set);
     if check.problems.is_empty() {
         match open(&set) {
             // The text as it is, not as it was blanked for the check.
@@ -215,6 +216,25 @@ impl Check<'_> {
         }
     }
 
+    /// Finds sections that do not fit together, where each alone is sound.
+    fn agreement(&mut self, set: &SetFile) {
+        let (Ok(sheet), Ok(segment), Ok(register)) = (
+            set.checked("sheet", SheetParams::check),
+            set.checked("segment", SegmentParams::check),
+            set.section::<RegisterParams>("register"),
+        ) else {
+            return;
+        };
+        if let Err(problem) = segment.check_sheet(&sheet) {
+            let key = format!("sheet.{}", problem.key);
+            self.report(&key, format!("`{}` {}", problem.key, problem.message));
+        }
+        if register.mode == RegisterMode::Markers && !segment.finds_markers() {
+            let message = "`mode` \"markers\" needs `markers = \"sheet\"` under [segment]";
+            self.report("register.mode", message.to_owned());
+        }
+    }
+
     /// Reports a problem of `key`, at the place of it or of what would hold it.
     fn report(&mut self, key: &str, message: String) {
         let span = nearest(&self.places, key).map_or(0..0, |place| place.key_span.clone());
@@ -240,6 +260,15 @@ mod tests {
         let set = check(Path::new("half_fold.toml"), crate::up::DEFAULT_SET).unwrap();
         assert_eq!((set.file.name.as_str(), set.file.pace), ("half_fold", Pace::Lockstep));
         assert!(set.steps.is_some());
+    }
+
+    #[test]
+    fn sections_must_fit_together() {
+        let text = "[sheet]\nnodes = [24, 24]\n[capture]\nsource = \"rendered\"\n\
+                    [segment]\nmarkers = \"sheet\"\n";
+        assert_eq!(problems(text), [(2, 1, "sheet.nodes".to_owned())]);
+        let text = "[register]\nmode = \"markers\"\n";
+        assert_eq!(problems(text), [(2, 1, "register.mode".to_owned())]);
     }
 
     #[test]

@@ -40,7 +40,7 @@ impl Facet {
     }
 
     /// The parts left and right of a line; `None` where one of them would be a sliver.
-    fn cut(&self, line: &Line, sliver_m: f64) -> Option<[Facet; 2]> {
+    pub(crate) fn cut(&self, line: &Line, sliver_m: f64) -> Option<[Facet; 2]> {
         let mut parts = [Vec::new(), Vec::new()];
         let next = self.corners_m.iter().cycle().skip(1);
         for (&a, &b) in self.corners_m.iter().zip(next) {
@@ -192,11 +192,36 @@ impl Folds {
         Some(new)
     }
 
+    /// Replaces the facets: number k of the new ones is (part of) number `from[k]` of the old ones,
+    /// and inherits its angles and its layer order. They must tile the sheet.
+    pub fn retile(&mut self, facets: Vec<Facet>, from: &[usize]) {
+        assert!((1..=FACETS_MAX).contains(&facets.len()), "1 to {FACETS_MAX} facets");
+        assert_eq!(facets.len(), from.len(), "each facet comes from one");
+        let before = self.order;
+        self.order = [[0; FACETS_MAX]; FACETS_MAX];
+        for (f, from_f) in from.iter().enumerate() {
+            for (g, from_g) in from.iter().enumerate() {
+                self.order[f][g] = if from_f == from_g { 0 } else { before[*from_f][*from_g] };
+            }
+        }
+        let renamed = |old: usize| from.iter().position(|f| *f == old);
+        self.creases.retain_mut(|crease| {
+            let [Some(f), Some(g)] = crease.facets.map(renamed) else { return false };
+            crease.facets = [f.min(g), f.max(g)];
+            true
+        });
+        self.facets = facets;
+        self.derive();
+    }
+
     /// Takes the fold angles, and the layer order of every pair that is clearly apart, from the
     /// nodes' positions, world frame, metres.
     pub fn observe(&mut self, positions_m: &[[f32; 3]]) {
-        let poses: Vec<FacetFrame> =
-            (0..self.facets.len()).map(|f| self.frame(f, positions_m)).collect();
+        let mut frames = [FacetFrame::flat(); FACETS_MAX];
+        let poses = &mut frames[..self.facets.len()];
+        for (f, pose) in poses.iter_mut().enumerate() {
+            *pose = FacetFrame::fit(&self.sheet, &self.members[f], positions_m);
+        }
         for (f, pose_f) in poses.iter().enumerate() {
             for (g, pose_g) in poses.iter().enumerate() {
                 let height_m = (pose_f.center_m - pose_g.center_m).dot(&pose_g.normal);
@@ -289,6 +314,18 @@ pub struct FacetFrame {
 }
 
 impl FacetFrame {
+    /// (u, v) as world x and y.
+    fn flat() -> Self {
+        Self {
+            center_m: Point3::origin(),
+            center_uv_m: [0.0; 2],
+            u: Vector3::x(),
+            v: Vector3::y(),
+            normal: Vector3::z(),
+            residual_m: 0.0,
+        }
+    }
+
     /// Least-squares rigid pose of these nodes: the polar factor of the 3 × 2 moment matrix.
     pub fn fit(sheet: &SheetGrid, nodes: &[u32], positions_m: &[[f32; 3]]) -> Self {
         let [h_u, h_v] = sheet.spacing_m();
@@ -395,7 +432,8 @@ mod tests {
             let angle = folds.creases()[0].angle_rad.to_degrees().abs();
             assert!((angle - degrees).abs() < 1e-3, "{angle} instead of {degrees}");
         }
-        assert_eq!(folds.order(flap, low), 1); // The flap lies where the lower part's normal points.
+        // The flap lies where the lower normal points, and the lower part where the flap's does.
+        assert_eq!(folds.order(flap, low), 1);
         assert_eq!(folds.order(low, flap), 1); // And the lower part where the flap's points.
     }
 

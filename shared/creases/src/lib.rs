@@ -1,10 +1,18 @@
-//! Fold lines of a sheet: what is known of them (`folds`), in material coordinates.
+//! Fold lines of a sheet: what is known of them (`folds`), in material coordinates, and how they
+//! are found from positions of nodes (`finder`).
 //!
 //! A sheet is a set of convex *facets* that tile it; where two of them meet is a *crease*. Facets
 //! keep their numbers: a split gives the second part a new one.
 
+mod finder;
 mod folds;
 mod line;
+mod lines;
+mod params;
+#[cfg(feature = "trial")]
+pub mod trial;
 
+pub use finder::CreaseFinder;
 pub use folds::{Crease, FACETS_MAX, Facet, FacetFrame, Folds, ORDER_APART_M};
 pub use line::Line;
+pub use params::{CreaseConfig, CreaseMode, CreaseParams};

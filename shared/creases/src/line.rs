@@ -24,6 +24,12 @@ impl Line {
         self.direction[0] * d[1] - self.direction[1] * d[0]
     }
 
+    /// Distance of a point along the line from [`Line::point_m`], metres.
+    pub fn along_m(&self, uv_m: [f64; 2]) -> f64 {
+        let d = [uv_m[0] - self.point_m[0], uv_m[1] - self.point_m[1]];
+        self.direction[0] * d[0] + self.direction[1] * d[1]
+    }
+
     /// Where the segment from `a` to `b` crosses the line; its ends must lie on different sides.
     pub(crate) fn crossing(&self, a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
         let (side_a, side_b) = (self.side_m(a), self.side_m(b));

@@ -5,7 +5,7 @@ use orime_capture::{CaptureParams, FrameSource};
 use orime_evaluate::pipeline::PipelineConfig;
 use orime_geometry::SheetParams;
 use orime_messages::{EDGELS_MAX, POINTS_MAX};
-use orime_register::RegisterParams;
+use orime_register::{RegisterMode, RegisterParams};
 use orime_runtime::SetFile;
 use orime_segment::SegmentParams;
 use orime_simulate::SimulateParams;
@@ -29,10 +29,19 @@ pub fn open(set: &SetFile) -> anyhow::Result<(Box<dyn FrameSource>, PipelineConf
 pub fn pipeline(set: &SetFile) -> anyhow::Result<PipelineConfig> {
     let params: SheetParams = set.section("sheet")?;
     let sheet = set.checked("sheet", SheetParams::check)?;
+    let segment = set.checked("segment", SegmentParams::check)?;
+    let register: RegisterParams = set.section("register")?;
+    segment
+        .check_sheet(&sheet)
+        .map_err(|problem| anyhow::anyhow!("`sheet.{}` {}", problem.key, problem.message))?;
+    anyhow::ensure!(
+        register.mode != RegisterMode::Markers || segment.finds_markers(),
+        "`register.mode = \"markers\"` needs `segment.markers = \"sheet\"`"
+    );
     Ok(PipelineConfig {
         density_kg_per_m2: params.density_kg_per_m2,
         template_m: orime_recording::template::load(&params, &sheet)?,
-        segment: set.checked("segment", SegmentParams::check)?,
+        segment,
         register: set.checked("register", RegisterParams::check)?,
         simulate: set.checked("simulate", SimulateParams::check)?,
         capacity: [POINTS_MAX, EDGELS_MAX],

@@ -21,7 +21,8 @@ impl Registrar {
         confidence.fill(0.0);
         let known = predicted_m.filter(|x| self.has_pose && x.len() == self.sheet.len());
         if let Some(state) = known {
-            self.predict(state);
+            self.nodes_m.clear();
+            self.nodes_m.extend_from_slice(state);
         }
         let fused = self.fusion.fuse(features, cameras, known.map(|_| &self.nodes_m[..]));
         let mut report = RegisterReport {
@@ -50,7 +51,6 @@ impl Registrar {
             report.tracking = Tracking::Coasting;
         }
         self.has_pose = true;
-        self.before_m = known.filter(|_| !report.reset).map(<[_]>::to_vec);
         if report.reset {
             targets_m[..self.nodes_m.len()].copy_from_slice(&self.nodes_m);
             confidence[..self.nodes_m.len()].fill(1.0);

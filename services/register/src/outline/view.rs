@@ -1,0 +1,191 @@
+//! One camera's contour, and which samples it should see as such.
+
+use super::sample::Sample;
+use crate::zbuffer::{EMPTY, ZBuffer};
+use nalgebra::{Matrix3, Point3, Vector2, Vector3};
+use orime_geometry::{Edgel, RgbdCamera};
+
+/// Widest match along the contour, pixels.
+const TANGENT_PX: f64 = 4.0;
+/// Edgels this close to the nearest one along the normal are averaged with it, pixels.
+const SAME_EDGE_PX: f64 = 2.5;
+/// Least cosine between the normals of sample and edgel.
+const COSINE_MIN: f64 = 0.8;
+/// Side of the lookup cells, pixels.
+const CELL_PX: usize = 16;
+/// Where the model's depth image is asked along the normal, pixels outside and inside.
+const ASK_PX: [f32; 2] = [1.2, 2.6];
+/// Projected neighbours nearer than this tell no direction, pixels.
+const LENGTH_PX_MIN: f64 = 1.5;
+/// A step in depth from here on is an inner edge, metres.
+const STEP_M: f32 = 4e-3;
+
+/// A sample that this camera should see as contour.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Silhouette {
+    pub sample: u32,
+    /// As [`Edgel::kind`].
+    pub kind: u32,
+    /// Unit normal out of the sheet, in the image.
+    pub normal: Vector2<f64>,
+}
+
+/// Edgels of one camera in cells.
+#[derive(Debug, Clone)]
+pub(super) struct View {
+    color_from_world: nalgebra::Isometry3<f64>,
+    rotation: Matrix3<f64>,
+    pub camera: RgbdCamera,
+    columns: usize,
+    cells: Vec<Vec<u32>>,
+    buffer: ZBuffer,
+    pub silhouettes: Vec<Silhouette>,
+}
+
+impl View {
+    pub fn new(camera: &RgbdCamera) -> Self {
+        let color_from_world = camera.world_from_color.inverse();
+        let columns = camera.color.width as usize / CELL_PX + 1;
+        let rows = camera.color.height as usize / CELL_PX + 1;
+        Self {
+            rotation: color_from_world.rotation.to_rotation_matrix().into_inner(),
+            color_from_world,
+            camera: camera.clone(),
+            columns,
+            cells: vec![Vec::new(); columns * rows],
+            buffer: ZBuffer::new(&camera.color, &camera.world_from_color, 1.0),
+            silhouettes: Vec::new(),
+        }
+    }
+
+    /// Forgets the edgels.
+    pub fn clear(&mut self) {
+        self.cells.iter_mut().for_each(Vec::clear);
+    }
+
+    /// Forgets which samples are contour.
+    pub fn forget(&mut self) {
+        self.silhouettes.clear();
+    }
+
+    /// Adds an edgel, which has this index among all.
+    pub fn insert(&mut self, index: u32, edgel: &Edgel) {
+        let [x, y] = edgel.position_px.map(f64::from);
+        let (width, height) = (self.camera.color.width, self.camera.color.height);
+        if 0.0 <= x && x < f64::from(width) && 0.0 <= y && y < f64::from(height) {
+            self.cells[y as usize / CELL_PX * self.columns + x as usize / CELL_PX].push(index);
+        }
+    }
+
+    pub fn pixel(&self, position_m: [f32; 3]) -> Option<Vector2<f64>> {
+        let point = self.color_from_world * Point3::from(position_m).cast::<f64>();
+        self.camera.color.project(&point)
+    }
+
+    /// Finds the samples that are contour in the model's own image.
+    pub fn classify(&mut self, samples: &[Sample], nodes_m: &[[f32; 3]], triangles: &[[u32; 3]]) {
+        self.buffer.draw(nodes_m, triangles);
+        self.silhouettes.clear();
+        for (index, sample) in samples.iter().enumerate() {
+            if let Some((kind, normal)) = self.silhouette(sample, nodes_m) {
+                self.silhouettes.push(Silhouette { sample: index as u32, kind, normal });
+            }
+        }
+    }
+
+    fn silhouette(&self, sample: &Sample, nodes_m: &[[f32; 3]]) -> Option<(u32, Vector2<f64>)> {
+        let place = |blend: &crate::blend::Blend| self.buffer.project(blend.position_m(nodes_m));
+        let pixel = |p: [f32; 3]| Vector2::new(f64::from(p[0]), f64::from(p[1]));
+        let here = place(&sample.here)?;
+        let along = pixel(place(&sample.after)?) - pixel(place(&sample.before)?);
+        let along = along.try_normalize(LENGTH_PX_MIN)?;
+        let mut normal = Vector2::new(along.y, -along.x);
+        let depth = |inside| Some(normal.dot(&(pixel(place(inside)?) - pixel(here))));
+        let [a, b] = [depth(&sample.inside[0])?, depth(&sample.inside[1])?];
+        // Seen edge on, a sheet has no outside; nor has a crease whose facets lie on both sides.
+        if a * b <= 0.0 || a.abs().max(b.abs()) < 0.5 {
+            return None;
+        }
+        if a > 0.0 {
+            normal = -normal;
+        }
+        let ask = |px: f32| {
+            let [x, y] = [here[0] + px * normal.x as f32, here[1] + px * normal.y as f32];
+            self.buffer.holds(x, y).then(|| self.buffer.at(x, y))
+        };
+        let [near, far] = [ask(ASK_PX[0])?, ask(ASK_PX[1])?];
+        let [inner, deep] = [ask(-ASK_PX[0])?, ask(-ASK_PX[1])?];
+        if near.0 == EMPTY && far.0 == EMPTY {
+            return (inner.0 != EMPTY || deep.0 != EMPTY).then_some((0, normal));
+        }
+        // What lies outside is farther off, and what lies inside is the sample's own layer.
+        let behind = |at: (u32, f32)| at.0 == EMPTY || 1.0 / at.1 > 1.0 / here[2] + STEP_M;
+        let own = |at: (u32, f32)| at.0 != EMPTY && (1.0 / at.1 - 1.0 / here[2]).abs() < STEP_M;
+        (behind(near) && behind(far) && own(inner)).then_some((1, normal))
+    }
+
+    /// Pixel of a position, and ∂(normal·pixel)/∂position, world frame, px/m.
+    pub fn probe(
+        &self,
+        position_m: [f32; 3],
+        normal: Vector2<f64>,
+    ) -> Option<(Vector2<f64>, Vector3<f64>)> {
+        let here = self.color_from_world * Point3::from(position_m).cast::<f64>();
+        let lens = &self.camera.color;
+        let pixel = lens.project(&here)?;
+        let (fx, fy) = (lens.fx_px * normal.x, lens.fy_px * normal.y);
+        let in_camera = Vector3::new(fx, fy, -(fx * here.x + fy * here.y) / here.z) / here.z;
+        Some((pixel, self.rotation.transpose() * in_camera))
+    }
+
+    /// Signed distance along the normal to the nearest matching edge, pixels.
+    pub fn nearest(
+        &self,
+        pixel: Vector2<f64>,
+        silhouette: &Silhouette,
+        edgels: &[Edgel],
+        reach_px: f64,
+    ) -> Option<f64> {
+        let outward = silhouette.normal;
+        let tangent = Vector2::new(-outward.y, outward.x);
+        let span = reach_px.hypot(TANGENT_PX);
+        let candidates = || {
+            self.cells_near(pixel, span).filter_map(|k| {
+                let edgel = &edgels[k as usize];
+                let normal = Vector2::from(edgel.normal).cast::<f64>();
+                let offset = Vector2::from(edgel.position_px).cast::<f64>() - pixel;
+                let (across, along) = (outward.dot(&offset), tangent.dot(&offset));
+                (edgel.kind == silhouette.kind
+                    && across.abs() < reach_px
+                    && along.abs() < TANGENT_PX
+                    && normal.dot(&outward) > COSINE_MIN)
+                    .then_some((across, along))
+            })
+        };
+        let (first, _) = candidates().min_by(|a, b| {
+            let cost = |c: &(f64, f64)| c.0.abs() + 0.25 * c.1.abs();
+            cost(a).total_cmp(&cost(b))
+        })?;
+        let (mut sum, mut weights) = (0.0, 0.0);
+        for (across, along) in candidates() {
+            if (across - first).abs() < SAME_EDGE_PX {
+                let weight = 1.0 / (1.0 + along * along);
+                sum += weight * across;
+                weights += weight;
+            }
+        }
+        Some(sum / weights)
+    }
+
+    /// Edgels in the cells that a square of half side `span` touches.
+    fn cells_near(&self, pixel: Vector2<f64>, span: f64) -> impl Iterator<Item = u32> + '_ {
+        let rows = self.cells.len() / self.columns;
+        let range = |centre: f64, count: usize| {
+            let cell = |at: f64| ((at / CELL_PX as f64).max(0.0) as usize).min(count);
+            cell(centre - span)..(cell(centre + span) + 1).min(count)
+        };
+        let (xs, ys) = (range(pixel.x, self.columns), range(pixel.y, rows));
+        ys.flat_map(move |y| xs.clone().map(move |x| y * self.columns + x))
+            .flat_map(|cell| self.cells[cell].iter().copied())
+    }
+}

@@ -1,0 +1,105 @@
+//! Which components of the mixture a camera can see: only the front layer owns a point.
+//!
+//! The model's own depth image decides, with the layers in their right order (`simulate` keeps
+//! it). A component counts as seen where the front triangle near its pixel is materially its own
+//! neighbourhood; components just behind another layer keep a small share, so that a wrong guess
+//! can be mended.
+//!
+//! Source: `../shared/design/loop.md`, `visible` in its prototype.
+
+use crate::zbuffer::{EMPTY, ZBuffer, centres_m};
+use orime_geometry::{RgbdCamera, SheetGrid};
+
+/// Material distance up to which a front triangle is a component's own, share of the side.
+const OWN: f64 = 0.08;
+/// Pixels of the depth image per node spacing at the usual distance: enough for layers' borders.
+const SCALE: f64 = 0.5;
+/// Prior weight of a component that a camera does not see.
+const HIDDEN: f32 = 0.02;
+
+/// Prior weights per camera.
+#[derive(Debug, Clone)]
+pub(crate) struct Visibility {
+    triangles: Vec<[u32; 3]>,
+    centres_m: Vec<[f32; 2]>,
+    own_m: f32,
+    cameras: Vec<RgbdCamera>,
+    buffers: Vec<ZBuffer>,
+    /// Per camera, one weight per component: 1 seen, [`HIDDEN`] not.
+    priors: Vec<Vec<f32>>,
+}
+
+impl Visibility {
+    /// For a sheet.
+    pub fn new(sheet: &SheetGrid) -> Self {
+        let triangles = sheet.triangles();
+        Self {
+            centres_m: centres_m(sheet, &triangles),
+            own_m: (OWN * (sheet.size_m[0] + sheet.size_m[1]) / 2.0) as f32,
+            triangles,
+            cameras: Vec::new(),
+            buffers: Vec::new(),
+            priors: Vec::new(),
+        }
+    }
+
+    /// Says that every camera sees everything.
+    pub fn forget(&mut self) {
+        self.priors.clear();
+    }
+
+    /// Renders the nodes and judges the components, whose material coordinates are `uv_m`.
+    pub fn judge(
+        &mut self,
+        cameras: &[RgbdCamera],
+        nodes_m: &[[f32; 3]],
+        positions_m: &[[f32; 3]],
+        uv_m: &[[f32; 2]],
+    ) {
+        if self.cameras != cameras {
+            self.cameras = cameras.to_vec();
+            let buffer = |c: &RgbdCamera| ZBuffer::new(&c.depth, &c.world_from_depth(), SCALE);
+            self.buffers = cameras.iter().map(buffer).collect();
+        }
+        self.priors.resize(cameras.len(), Vec::new());
+        for (buffer, priors) in self.buffers.iter_mut().zip(&mut self.priors) {
+            buffer.draw(nodes_m, &self.triangles);
+            priors.clear();
+            for (position, uv) in positions_m.iter().zip(uv_m) {
+                let seen = buffer.project(*position).is_some_and(|[x, y, _]| {
+                    let near = |dx: i32, dy: i32| {
+                        let (triangle, _) = buffer.at(x + dx as f32, y + dy as f32);
+                        triangle != EMPTY && {
+                            let c = self.centres_m[triangle as usize];
+                            (c[0] - uv[0]).abs() < self.own_m && (c[1] - uv[1]).abs() < self.own_m
+                        }
+                    };
+                    let hits = (-1..=1)
+                        .flat_map(|dy| (-1..=1).map(move |dx| (dx, dy)))
+                        .filter(|(dx, dy)| near(*dx, *dy));
+                    hits.take(2).count() == 2
+                });
+                priors.push(if seen { 1.0 } else { HIDDEN });
+            }
+        }
+    }
+
+    /// Prior weights for points of a camera; `None` where all are 1.
+    pub fn priors(&self, camera: u32) -> Option<&[f32]> {
+        self.priors.get(camera as usize).map(Vec::as_slice)
+    }
+
+    /// Whether any camera sees a component.
+    pub fn is_seen(&self, component: usize) -> bool {
+        self.priors.is_empty() || self.priors.iter().any(|priors| priors[component] == 1.0)
+    }
+
+    /// Σ over components of the prior, averaged over cameras: how many components can own a point.
+    pub fn owners(&self, components: usize) -> f64 {
+        if self.priors.is_empty() {
+            return components as f64;
+        }
+        let sum = |priors: &Vec<f32>| priors.iter().map(|p| f64::from(*p)).sum::<f64>();
+        self.priors.iter().map(sum).sum::<f64>() / self.priors.len() as f64
+    }
+}

@@ -1,0 +1,67 @@
+//! The one entry: positions in, facets and creases out.
+
+use crate::folds::Folds;
+use crate::lines::LineFinder;
+use crate::params::{CreaseConfig, CreaseMode};
+use orime_geometry::SheetGrid;
+
+/// Finds creases online, one step after the other.
+#[derive(Debug, Clone)]
+pub struct CreaseFinder {
+    folds: Folds,
+    method: Method,
+}
+
+#[derive(Debug, Clone)]
+enum Method {
+    Off,
+    Lines(Box<LineFinder>),
+}
+
+impl CreaseFinder {
+    /// A finder for a sheet without creases.
+    pub fn new(config: &CreaseConfig, sheet: &SheetGrid) -> Self {
+        let method = match config.params.mode {
+            CreaseMode::Off => Method::Off,
+            CreaseMode::Lines | CreaseMode::Paper => {
+                Method::Lines(Box::new(LineFinder::new(config, sheet)))
+            }
+        };
+        Self { folds: Folds::flat(sheet), method }
+    }
+
+    /// Takes in where the nodes were seen (world frame, metres) and how surely (0 hidden, 1 seen);
+    /// true where facets or creases changed. Nodes that are missing or not finite count as hidden.
+    ///
+    /// Angles and layer order are not touched: [`Folds::observe`] takes them from what is trusted
+    /// most, which targets are not.
+    pub fn step(&mut self, positions_m: &[[f32; 3]], confidence: &[f32]) -> bool {
+        match &mut self.method {
+            Method::Off => false,
+            Method::Lines(lines) => lines.step(&mut self.folds, positions_m, confidence),
+        }
+    }
+
+    /// The facets and creases.
+    pub fn folds(&self) -> &Folds {
+        &self.folds
+    }
+
+    /// The same, for [`Folds::observe`] and [`Folds::set_order`]; facets must not be split here.
+    pub fn folds_mut(&mut self) -> &mut Folds {
+        &mut self.folds
+    }
+
+    /// The facet or, in the paper's mode, the cluster of every node.
+    pub fn clusters(&self) -> &[u8] {
+        self.folds.facet_of_node()
+    }
+
+    /// Forgets all creases.
+    pub fn reset(&mut self) {
+        self.folds = Folds::flat(&self.folds.sheet().clone());
+        if let Method::Lines(lines) = &mut self.method {
+            lines.reset(&self.folds);
+        }
+    }
+}

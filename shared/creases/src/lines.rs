@@ -1,0 +1,253 @@
+//! Creases as persistent lines in (u, v), facets as the rigid parts between them.
+//!
+//! Each step looks for kinks in every facet that no rigid pose explains (`candidates`), splits a
+//! facet where one was seen several times, improves the lines that are known (`estimate`) and
+//! undoes those that never became a fold.
+//!
+//! Source: `../shared/design/creases.md`, method F.
+
+mod candidates;
+mod estimate;
+mod hinge;
+mod moments;
+mod nodes;
+mod normal;
+mod search;
+mod tree;
+
+use crate::folds::Folds;
+use crate::line::Line;
+use crate::params::{CreaseConfig, CreaseParams};
+use candidates::{Candidate, FLATNESS, Judge, REACH, View, bends, step_evidence};
+use estimate::Estimate;
+use hinge::{Hinge, Window};
+use nodes::Nodes;
+use orime_geometry::SheetGrid;
+use tree::{Cut, Side, Tree};
+
+/// Directions that are searched, over half a turn.
+const DIRECTIONS: usize = 36;
+/// Least width of both parts of a split, spacings, and least weight of their nodes.
+const PART_MIN: (f64, f64) = (1.2, 6.0);
+/// A published line follows its estimate where their distance in the sheet exceeds this, spacings.
+const PUBLISH: f64 = 0.06;
+/// A crease is undone after so many steps below the first angle, unless it ever passed the second.
+const UNDO: (u32, f64, f64) = (20, 10.0, 45.0);
+/// Creases whose line is measured in one step.
+const MEASURED_MAX: usize = 3;
+
+/// Finds lines.
+#[derive(Debug, Clone)]
+pub(crate) struct LineFinder {
+    config: CreaseConfig,
+    nodes: Nodes,
+    tree: Tree,
+    judge: Judge,
+    /// Nodes and candidates of each facet.
+    members: Vec<Vec<u32>>,
+    candidates: Vec<Vec<Candidate>>,
+    next_crease: usize,
+}
+
+impl LineFinder {
+    pub fn new(config: &CreaseConfig, sheet: &SheetGrid) -> Self {
+        let facets_max = config.params.facets_max;
+        let mut finder = Self {
+            config: config.clone(),
+            nodes: Nodes::new(sheet),
+            tree: Tree::new(sheet),
+            judge: Judge::new(sheet.len(), DIRECTIONS),
+            members: vec![Vec::new(); facets_max],
+            candidates: (0..facets_max).map(|_| Judge::candidates()).collect(),
+            next_crease: 0,
+        };
+        finder.reset(&Folds::flat(sheet));
+        finder
+    }
+
+    /// Forgets everything.
+    pub fn reset(&mut self, flat: &Folds) {
+        self.tree.clear();
+        self.candidates.iter_mut().for_each(Vec::clear);
+        self.next_crease = 0;
+        self.list_members(flat);
+    }
+
+    /// Takes in one step; true where the folds changed.
+    pub fn step(
+        &mut self,
+        folds: &mut Folds,
+        positions_m: &[[f32; 3]],
+        confidence: &[f32],
+    ) -> bool {
+        self.nodes.read(positions_m, confidence);
+        let mut changed = self.measure(folds);
+        changed |= self.undo(folds);
+        for facet in 0..folds.facets().len() {
+            self.look(folds, facet);
+            changed |= self.split_where_sure(folds, facet);
+        }
+        changed
+    }
+
+    /// Judges a facet and updates its candidates.
+    fn look(&mut self, folds: &Folds, facet: usize) {
+        let creases = folds.creases().iter().filter(|crease| crease.facets.contains(&facet));
+        let tree = &self.tree;
+        let known = creases.filter_map(|crease| {
+            let cut = tree.between(crease.facets[0], crease.facets[1])?;
+            Some((crease.line(), tree.cuts[cut].sign))
+        });
+        let view = View {
+            nodes: &self.nodes,
+            members: &self.members[facet],
+            facet: &folds.facets()[facet],
+            params: &self.config.params,
+        };
+        self.judge.judge(&view, known, &mut self.candidates[facet]);
+    }
+
+    /// Splits a facet along all candidates that were seen often enough, the sharpest first.
+    fn split_where_sure(&mut self, folds: &mut Folds, facet: usize) -> bool {
+        let CreaseParams { hits, evidence, .. } = self.config.params;
+        let before = folds.facets().len();
+        while let Some(at) = {
+            let sure = self.candidates[facet].iter().enumerate();
+            let sure = sure.filter(|(_, c)| c.hits >= hits && c.evidence >= evidence);
+            sure.max_by(|(_, a), (_, b)| a.hinge.angle_rad.total_cmp(&b.hinge.angle_rad))
+                .map(|(at, _)| at)
+        } {
+            let hinge = self.candidates[facet].swap_remove(at).hinge;
+            // Earlier splits of this step may have put it into another part.
+            let part = folds.facet_at(hinge.middle_m());
+            if (part == facet || part >= before) && self.is_wide(folds, part, &hinge.line) {
+                self.split(folds, part, &hinge);
+            }
+        }
+        folds.facets().len() > before
+    }
+
+    fn is_wide(&self, folds: &Folds, facet: usize, line: &Line) -> bool {
+        let mut parts = [(0.0, 0.0f64); 2];
+        for n in &self.members[facet] {
+            let side_m = line.side_m(self.nodes.uv_m[*n as usize]);
+            let part = &mut parts[usize::from(side_m > 0.0)];
+            part.0 += self.nodes.weight[*n as usize];
+            part.1 = part.1.max(side_m.abs());
+        }
+        let wide = parts.iter().all(|(weight, width_m)| {
+            *weight >= PART_MIN.1 && *width_m > PART_MIN.0 * self.nodes.h_m
+        });
+        wide && folds.facets().len() < self.config.params.facets_max
+    }
+
+    fn split(&mut self, folds: &mut Folds, facet: usize, hinge: &Hinge) {
+        let Some(new) = folds.split(facet, &hinge.line) else { return };
+        let cut = Cut {
+            sides: [Side::Facet(facet), Side::Facet(new)],
+            estimate: Estimate::new(hinge, self.nodes.h_m),
+            sign: hinge.sign,
+            angle_max_rad: hinge.angle_rad,
+            unfolded: 0,
+        };
+        self.tree.split(facet, new, cut);
+        self.list_members(folds);
+    }
+
+    /// Measures the lines of some creases, and moves those that are clearly elsewhere.
+    fn measure(&mut self, folds: &mut Folds) -> bool {
+        let count = folds.creases().len();
+        for _ in 0..count.min(MEASURED_MAX) {
+            self.next_crease = (self.next_crease + 1) % count;
+            let [f, g] = folds.creases()[self.next_crease].facets;
+            if let Some(cut) = self.tree.between(f, g) {
+                self.measure_crease(folds, cut, f, g);
+            }
+        }
+        let h_m = self.nodes.h_m;
+        let is_off = |folds: &Folds, tree: &Tree| {
+            folds.creases().iter().any(|crease| {
+                let Some(cut) = tree.between(crease.facets[0], crease.facets[1]) else {
+                    return false;
+                };
+                let best = tree.cuts[cut].estimate.best();
+                crease.ends_m.iter().any(|end| best.side_m(*end).abs() > PUBLISH * h_m)
+            })
+        };
+        count > 0 && is_off(folds, &self.tree) && self.publish(folds)
+    }
+
+    fn measure_crease(&mut self, folds: &Folds, cut: usize, f: usize, g: usize) {
+        let h_m = self.nodes.h_m;
+        let line = self.tree.cuts[cut].estimate.best();
+        let members = [f, g].map(|facet| &self.members[facet]);
+        let mut reach_m = [0.0f64; 2];
+        for n in members.into_iter().flatten() {
+            let side_m = line.side_m(self.nodes.uv_m[*n as usize]);
+            let reach = &mut reach_m[usize::from(side_m > 0.0)];
+            *reach = reach.max(side_m.abs() + 0.01 * h_m);
+        }
+        let Some(ends_m) = folds.creases().iter().find(|c| c.facets == [f, g]).map(|c| c.ends_m)
+        else {
+            return;
+        };
+        let piece = strip(ends_m, 4.0 * h_m);
+        let window = Window { line, reach_m: reach_m.map(|r| r.min(REACH * h_m)), piece: &piece };
+        let both = members[0].iter().chain(members[1]).copied();
+        let bends = bends(&self.config.params, h_m);
+        let Some(hinge) = self.judge.fitter.fit(&self.nodes, both, window, 2, bends) else {
+            return;
+        };
+        let known = &mut self.tree.cuts[cut];
+        known.angle_max_rad = known.angle_max_rad.max(hinge.angle_rad);
+        let flat = hinge.angle_rad < UNDO.1.to_radians();
+        known.unfolded = if flat { known.unfolded + 1 } else { 0 };
+        if !flat && hinge.narrow_m2 < hinge.wide_m2 {
+            known.estimate.measure(&hinge, h_m);
+        }
+    }
+
+    /// Puts all published lines where the estimates are.
+    fn publish(&mut self, folds: &mut Folds) -> bool {
+        self.tree.cuts.iter_mut().for_each(|cut| cut.estimate.publish());
+        let Some(facets) = self.tree.facets() else {
+            self.tree.cuts.iter_mut().for_each(|cut| cut.estimate.withdraw());
+            return false;
+        };
+        let same: Vec<usize> = (0..facets.len()).collect();
+        folds.retile(facets, &same);
+        self.list_members(folds);
+        true
+    }
+
+    /// Joins facets whose crease never became a fold.
+    fn undo(&mut self, folds: &mut Folds) -> bool {
+        let never = |cut: &Cut| {
+            let between_facets = cut.sides.iter().all(|side| matches!(side, Side::Facet(_)));
+            between_facets && cut.unfolded >= UNDO.0 && cut.angle_max_rad < UNDO.2.to_radians()
+        };
+        let Some(cut) = self.tree.cuts.iter().position(never) else { return false };
+        let Some(from) = self.tree.join(cut) else { return false };
+        let Some(facets) = self.tree.facets() else { return false };
+        folds.retile(facets, &from);
+        self.candidates.iter_mut().for_each(Vec::clear);
+        self.list_members(folds);
+        true
+    }
+
+    fn list_members(&mut self, folds: &Folds) {
+        self.members.iter_mut().for_each(Vec::clear);
+        for (n, facet) in (0u32..).zip(folds.facet_of_node()) {
+            self.members[usize::from(*facet)].push(n);
+        }
+    }
+}
+
+/// A rectangle along a crease, `2 · half_m` wide.
+fn strip([a, b]: [[f64; 2]; 2], half_m: f64) -> [[f64; 2]; 4] {
+    let d = Line::through(a, b).direction;
+    let at = |p: [f64; 2], sign: f64| {
+        [p[0] - sign * half_m * d[1], p[1] + sign * half_m * d[0]]
+    };
+    [at(a, -1.0), at(b, -1.0), at(b, 1.0), at(a, 1.0)]
+}

@@ -1,0 +1,98 @@
+//! Parameters of the crease finder.
+
+use crate::folds::FACETS_MAX;
+use crate::line::Line;
+use orime_params::{Checker, Problem};
+use serde::{Deserialize, Serialize};
+
+/// How creases are found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CreaseMode {
+    /// Never: the sheet stays one facet.
+    Off,
+    /// Persistent lines in (u, v) between rigid facets.
+    #[default]
+    Lines,
+    /// The paper's clustering of nodes.
+    Paper,
+}
+
+/// Where creases come from. Lengths in units of the node spacing `h` (the wider of the two), so
+/// that another sheet needs no other numbers.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CreaseParams {
+    /// `"lines"`, `"paper"` or `"off"`. Default `"lines"`.
+    pub mode: CreaseMode,
+    /// Smallest fold angle that makes a crease, degrees. Lower values free a crease earlier and
+    /// mistake more bends for one. Default 12.
+    pub angle_min_deg: f64,
+    /// Steps in which it must look like a fold. More are surer and later. Default 2.
+    pub hits: u32,
+    /// Log-likelihood ratio by which a narrow bend must beat wide and smooth ones, summed over
+    /// steps. Higher values are surer and later. Default 10.
+    pub evidence: f64,
+    /// Bends narrower than this many spacings count as creases. Default 3.
+    pub bend_width: f64,
+    /// Ends of a crease that lie nearer than this many spacings to a landmark (corner or middle of
+    /// a facet's side, end of another crease) are put there; 0 snaps nothing. Default 0.
+    pub snap: f64,
+    /// Most facets, 1 to 32. Default 32.
+    pub facets_max: usize,
+    /// Lines that are about to be folded: two material points each, metres. Such a crease is freed
+    /// at half the angle, where bending is seen at it. Default none.
+    pub plan: Vec<[[f64; 2]; 2]>,
+}
+
+impl Default for CreaseParams {
+    fn default() -> Self {
+        Self {
+            mode: CreaseMode::Lines,
+            angle_min_deg: 12.0,
+            hits: 2,
+            evidence: 10.0,
+            bend_width: 3.0,
+            snap: 0.0,
+            facets_max: FACETS_MAX,
+            plan: Vec::new(),
+        }
+    }
+}
+
+impl CreaseParams {
+    /// Checks the section; every problem at once.
+    pub fn check(&self) -> Result<CreaseConfig, Vec<Problem>> {
+        let Self { mode: _, angle_min_deg, hits, evidence, bend_width, snap, facets_max, plan } =
+            self;
+        let mut checker = Checker::new();
+        let mut within = |key: &str, value: f64, low: f64, high: f64, unit: &str| {
+            let requirement = format!("must be {low} to {high} {unit}");
+            checker.require(low <= value && value <= high, key, value, requirement.trim_end());
+        };
+        within("angle_min_deg", *angle_min_deg, 2.0, 120.0, "degrees");
+        within("hits", f64::from(*hits), 1.0, 100.0, "");
+        within("evidence", *evidence, 1.0, 1000.0, "");
+        within("bend_width", *bend_width, 0.5, 8.0, "spacings");
+        within("snap", *snap, 0.0, 2.0, "spacings");
+        within("facets_max", *facets_max as f64, 1.0, FACETS_MAX as f64, "");
+        let distinct = |[a, b]: &[[f64; 2]; 2]| (a[0] - b[0]).hypot(a[1] - b[1]) > 1e-4;
+        checker.require(
+            plan.iter().all(distinct),
+            "plan",
+            plan,
+            "the two points of a line must be at least 0.1 mm apart",
+        );
+        checker.finish(|| CreaseConfig {
+            params: self.clone(),
+            plan: plan.iter().map(|[a, b]| Line::through(*a, *b)).collect(),
+        })
+    }
+}
+
+/// Checked [`CreaseParams`]: the only form that the finder accepts.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CreaseConfig {
+    pub(crate) params: CreaseParams,
+    pub(crate) plan: Vec<Line>,
+}

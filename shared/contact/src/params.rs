@@ -13,7 +13,7 @@ pub struct ContactParams {
     /// Layers that hang together at a crease close linearly towards it: gap per metre from the
     /// crease. Too steep and a closed fold cannot lie flat. Default 0.016.
     pub gap_slope: f64,
-    /// Smallest gap, at the crease itself, metres. It must stand out of f32 noise. Default 2e-6.
+    /// Smallest gap, at the crease itself, metres. It must stand out of f32 noise. Default 3e-6.
     pub gap_min_m: f64,
     /// Distance that a layer keeps from a crease that closes around it, and that two creases that
     /// meet back to back keep from each other, metres. Default 0.00015.
@@ -34,7 +34,7 @@ impl Default for ContactParams {
         Self {
             thickness_m: 1e-4,
             gap_slope: 0.016,
-            gap_min_m: 2e-6,
+            gap_min_m: 3e-6,
             spine_gap_m: 1.5e-4,
             spine_slope: 0.02,
             rounds: 10,

@@ -18,6 +18,11 @@ use orime_geometry::SheetGrid;
 
 /// Sweeps over the contacts alone at a round's end: the last write to the positions.
 const LAST_SWEEPS: u32 = 3;
+/// A settled sheet with an edge that is longer than this gets another round, up to
+/// [`LINKED_ROUNDS`].
+const STRETCH_MAX: f64 = 0.03;
+/// Rounds that all sweep over links, too.
+const LINKED_ROUNDS: u32 = 4;
 
 /// What a projection did. Not settling is a result, not an error.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -137,12 +142,23 @@ impl FacetContact {
             let first = self.solve(false);
             report.worst_gap_m = first.short_m;
             report.settled = first.unsettled == 0;
-            if report.settled {
+            let may_stay = round == 0 || round >= LINKED_ROUNDS || !self.is_stretched();
+            if report.settled && may_stay {
                 break;
             }
-            self.sweep(table_m);
+            // Links stir up what is nearly settled: then every other round goes without.
+            self.sweep(round < LINKED_ROUNDS || round % 2 == 0, table_m);
         }
         report
+    }
+
+    /// Whether contacts have pulled an edge too long.
+    fn is_stretched(&self) -> bool {
+        let mesh = &self.topology.mesh;
+        mesh.edges.iter().zip(&mesh.rest_m).any(|([a, b], rest_m)| {
+            let d = self.x[*b as usize] - self.x[*a as usize];
+            d.norm_squared() > ((1.0 + STRETCH_MAX) * rest_m).powi(2)
+        })
     }
 
     fn pose(&mut self) {
@@ -166,9 +182,11 @@ impl FacetContact {
     }
 
     /// Links and contacts, then contacts alone, which are the last write.
-    fn sweep(&mut self, table_m: Option<f64>) {
+    fn sweep(&mut self, linked: bool, table_m: Option<f64>) {
         for sweep in 0..self.params.sweeps {
-            links::sweep(&self.topology, &mut self.x, &self.mobility, sweep % 2 == 1);
+            if linked {
+                links::sweep(&self.topology, &mut self.x, &self.mobility, sweep % 2 == 1);
+            }
             self.solve(sweep % 2 == 1);
             self.lift(table_m);
         }

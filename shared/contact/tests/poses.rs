@@ -93,15 +93,11 @@ fn accordion() {
     check(&Sequence::accordion(paper()).unwrap(), 2);
 }
 
-/// A crease off the grid's lines: the triangles that it cuts belong to neither facet, and their
-/// contact with each other is not found. Fewer than half of the crossings remain.
+/// A crease off the grid's lines cuts triangles: they belong to both sides.
 #[test]
-fn a_crease_off_the_grid_is_mended_in_part() {
+fn a_crease_off_the_grid() {
     let line = FoldLine { point_m: [0.08, 0.07], angle_rad: 1.1 };
-    let sequence = Sequence::half_fold(paper(), line, Timing::default()).unwrap();
-    let tally = run(sequence, 1, 5e-4, 1);
-    assert!(tally.crossing_before > 2 && tally.flipped.is_empty(), "{tally:?}");
-    assert!(2 * tally.crossing_after.len() < tally.crossing_before, "{tally:?}");
+    check(&Sequence::half_fold(paper(), line, Timing::default()).unwrap(), 1);
 }
 
 /// Four times the noise, more than a tracker has: a few poses keep a crossing.

@@ -25,6 +25,8 @@ pub struct ContactParams {
     /// Sweeps over links and contacts per round; three more over the contacts alone follow.
     /// Default 6.
     pub sweeps: u32,
+    /// Share of a push that resists sliding: Coulomb's coefficient between layers. Default 0.3.
+    pub friction: f64,
     /// World z that no node may be below, metres; none by default.
     pub table_m: Option<f64>,
 }
@@ -39,6 +41,7 @@ impl Default for ContactParams {
             spine_slope: 0.02,
             rounds: 10,
             sweeps: 6,
+            friction: 0.3,
             table_m: None,
         }
     }
@@ -55,6 +58,7 @@ impl ContactParams {
             spine_slope,
             rounds,
             sweeps,
+            friction,
             table_m,
         } = self;
         let mut checker = Checker::new();
@@ -69,6 +73,7 @@ impl ContactParams {
         within("spine_slope", *spine_slope, 1e-4, 1.0, "");
         within("rounds", f64::from(*rounds), 1.0, 100.0, "");
         within("sweeps", f64::from(*sweeps), 1.0, 100.0, "");
+        within("friction", *friction, 0.0, 10.0, "");
         within("table_m", table_m.unwrap_or(0.0), -100.0, 100.0, "m");
         checker.finish(|| ContactConfig { params: self.clone() })
     }

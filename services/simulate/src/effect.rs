@@ -12,6 +12,8 @@ pub enum Effect {
     Shear,
     /// The sheet resists bending.
     Bend,
+    /// Creases remember how far they were folded.
+    Crease,
     /// The links' own motion is damped.
     Damping,
     /// Weight.
@@ -26,11 +28,13 @@ pub enum Effect {
     Grippers,
     /// Targets pull the nodes.
     Track,
+    /// The sheet does not pass through itself: room for it, see [`crate::ContactPass`].
+    SelfContact,
 }
 
 impl Effect {
     /// Every effect, in the order of the passes.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 12] = [
         Self::Gravity,
         Self::AirDrag,
         Self::Track,
@@ -39,7 +43,9 @@ impl Effect {
         Self::Shear,
         Self::Bend,
         Self::Damping,
+        Self::Crease,
         Self::Facets,
+        Self::SelfContact,
         Self::Table,
     ];
 
@@ -49,6 +55,7 @@ impl Effect {
             Self::Stretch => "stretch",
             Self::Shear => "shear",
             Self::Bend => "bend",
+            Self::Crease => "crease",
             Self::Damping => "damping",
             Self::Gravity => "gravity",
             Self::AirDrag => "air_drag",
@@ -56,6 +63,36 @@ impl Effect {
             Self::Facets => "facets",
             Self::Grippers => "grippers",
             Self::Track => "track",
+            Self::SelfContact => "self_contact",
         }
+    }
+}
+
+/// A set of effects.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Effects(u16);
+
+impl Effects {
+    /// Adds an effect.
+    pub fn insert(&mut self, effect: Effect) {
+        self.0 |= 1 << effect as u16;
+    }
+
+    /// Whether an effect is in it.
+    pub fn contains(self, effect: Effect) -> bool {
+        self.0 >> effect as u16 & 1 == 1
+    }
+
+    /// The effects in it, in the order of the passes.
+    pub fn iter(self) -> impl Iterator<Item = Effect> {
+        Effect::ALL.into_iter().filter(move |effect| self.contains(*effect))
+    }
+}
+
+impl FromIterator<Effect> for Effects {
+    fn from_iter<I: IntoIterator<Item = Effect>>(effects: I) -> Self {
+        let mut all = Self::default();
+        effects.into_iter().for_each(|effect| all.insert(effect));
+        all
     }
 }

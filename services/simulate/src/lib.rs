@@ -3,21 +3,25 @@
 //! The paper's model: point masses on a grid, distance links to neighbours and to nodes `n` steps
 //! away, substep XPBD with damping, and virtual zero-rest-length springs to the tracked targets.
 //! Beyond it: stiff facets between creases, grippers, a table, and the prediction of the next
-//! pose. A scene names the effects that it wants ([`Effect`]).
+//! pose. A scene names the effects that it wants ([`Effect`]); the solver is built from those and
+//! from nothing else.
 
+mod contact;
 mod effect;
 mod grips;
-mod links;
 mod params;
-mod passes;
 mod simulator;
+mod solver;
 
-pub use effect::Effect;
+pub use contact::{ContactPass, Part};
+pub use effect::{Effect, Effects};
 pub use grips::Grip;
 pub use params::{
-    AirDragParams, BendParams, ComplianceParams, DampingParams, FacetsParams, GravityParams,
-    GrippersParams, PredictParams, SimulateConfig, SimulateParams, TableParams, TrackParams,
+    AirDragParams, BendParams, ComplianceParams, CreaseKind, CreaseParams, DampingKind,
+    DampingParams, FacetsParams, GravityParams, GrippersParams, PredictParams, SimulateConfig,
+    SimulateParams, TableParams, TrackParams,
 };
 pub use simulator::{
-    FRAME_S_MAX, FRAME_S_MIN, FRAME_S_NOMINAL, GRIPS_MAX, SimulateReport, Simulator, frame_s,
+    FRAME_S_MAX, FRAME_S_MIN, FRAME_S_NOMINAL, GRIPS_MAX, Pulls, SimulateReport, Simulator, Taking,
+    frame_s,
 };

@@ -1,6 +1,8 @@
 //! The `[simulate]` section of a set.
 
 use crate::effect::Effect;
+use crate::simulator::FRAME_S_NOMINAL;
+use crate::solver::crease::Plastic;
 use orime_params::{Checker, Problem};
 use serde::{Deserialize, Serialize};
 
@@ -12,6 +14,10 @@ pub struct SimulateParams {
     /// Substeps per frame. Stretch falls about with their square, cost grows with them.
     /// Default 20.
     pub substeps: u32,
+    /// Where the targets are further away than this per substep (twice the root mean square over
+    /// all nodes), a frame gets two or four times as many substeps. 0 never does.
+    /// Default 0.00025 metres.
+    pub substep_motion_m: f64,
     /// What acts on the sheet. Default: stretch, shear, bend, damping, air_drag, facets, grippers
     /// and track.
     pub effects: Vec<Effect>,
@@ -21,6 +27,8 @@ pub struct SimulateParams {
     pub shear: ComplianceParams,
     /// Resistance to bending.
     pub bend: BendParams,
+    /// Creases that remember how far they were folded.
+    pub crease: CreaseParams,
     /// Damping of the links.
     pub damping: DampingParams,
     /// Gravity.
@@ -63,9 +71,62 @@ pub struct BendParams {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct DampingParams {
+    /// XPBD's form, or the one that the paper prints. Default `xpbd`.
+    pub kind: DampingKind,
     /// Damping time of the links, s: XPBD's `β/α` as one time scale, so that
     /// `γ = time_s / dt`. Default 0.0005.
     pub time_s: f64,
+}
+
+/// Which damping.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DampingKind {
+    /// Damps the relative motion of a link's ends: conserves momentum, stable for any time.
+    #[default]
+    Xpbd,
+    /// Damps each end's own motion along the link: slows free flight, and diverges for
+    /// γ > ½ + 2α̃m, which is refused, and held down where a frame is shorter.
+    Paper,
+}
+
+/// `[simulate.crease]`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CreaseParams {
+    /// Default `hinge`.
+    pub kind: CreaseKind,
+    /// Hinge: elastic range, radians; beyond it a crease yields. Default 0.06.
+    pub yield_rad: f64,
+    /// Hinge: how much the elastic range grows per radian that was yielded. Default 0.
+    pub hardening: f64,
+    /// Hinge: share of the way back to its rest angle that a crease goes in a substep.
+    /// Default 0.02.
+    pub stiffness: f64,
+    /// Paper: elastic range of a link across a crease, as a strain. Default 0.02.
+    pub yield_strain: f64,
+}
+
+/// How creases yield.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CreaseKind {
+    /// A rest angle per crease, which yields: knows mountain from valley and holds to 180°.
+    #[default]
+    Hinge,
+    /// The paper's: skip and diagonal links across a crease stay, and their rest lengths yield.
+    Paper,
+}
+
+impl CreaseParams {
+    /// What the solver needs of it.
+    pub(crate) fn plastic(&self) -> Plastic {
+        let yields_at = match self.kind {
+            CreaseKind::Hinge => self.yield_rad,
+            CreaseKind::Paper => self.yield_strain,
+        };
+        Plastic { yields_at, hardening: self.hardening, stiffness: self.stiffness }
+    }
 }
 
 /// `[simulate.gravity]`.
@@ -145,10 +206,12 @@ impl Default for SimulateParams {
         use Effect::{AirDrag, Bend, Damping, Facets, Grippers, Shear, Stretch, Track};
         Self {
             substeps: 20,
+            substep_motion_m: 0.00025,
             effects: vec![Stretch, Shear, Bend, Damping, AirDrag, Facets, Grippers, Track],
             stretch: ComplianceParams::default(),
             shear: ComplianceParams::default(),
             bend: BendParams::default(),
+            crease: CreaseParams::default(),
             damping: DampingParams::default(),
             gravity: GravityParams::default(),
             air_drag: AirDragParams::default(),
@@ -167,9 +230,21 @@ impl Default for BendParams {
     }
 }
 
+impl Default for CreaseParams {
+    fn default() -> Self {
+        Self {
+            kind: CreaseKind::Hinge,
+            yield_rad: 0.06,
+            hardening: 0.0,
+            stiffness: 0.02,
+            yield_strain: 0.02,
+        }
+    }
+}
+
 impl Default for DampingParams {
     fn default() -> Self {
-        Self { time_s: 0.0005 }
+        Self { kind: DampingKind::Xpbd, time_s: 0.0005 }
     }
 }
 
@@ -214,10 +289,12 @@ impl SimulateParams {
     pub fn check(&self) -> Result<SimulateConfig, Vec<Problem>> {
         let Self {
             substeps,
+            substep_motion_m,
             effects,
             stretch,
             shear,
             bend,
+            crease,
             damping,
             gravity,
             air_drag,
@@ -241,6 +318,11 @@ impl SimulateParams {
         within("shear.compliance_m_per_n", shear.compliance_m_per_n, 0.0, 1e6, "m/N");
         within("bend.reach", f64::from(bend.reach), 2.0, 4.0, "grid steps");
         within("bend.compliance_m_per_n", bend.compliance_m_per_n, 0.0, 1e6, "m/N");
+        within("substep_motion_m", *substep_motion_m, 0.0, 1.0, "m");
+        within("crease.yield_rad", crease.yield_rad, 0.0, 4.0, "rad");
+        within("crease.hardening", crease.hardening, 0.0, 10.0, "");
+        within("crease.stiffness", crease.stiffness, 0.0, 1.0, "");
+        within("crease.yield_strain", crease.yield_strain, 0.0, 1.0, "");
         within("damping.time_s", damping.time_s, 0.0, 1.0, "s");
         let acceleration = gravity.acceleration_m_per_s2;
         within("gravity.acceleration_m_per_s2", acceleration, -20.0, 20.0, "m/s²");
@@ -255,6 +337,12 @@ impl SimulateParams {
         within("predict.momentum", predict.momentum, 0.0, 1.0, "");
         within("predict.hold", predict.hold, 0.0, 1.0, "");
         within("predict.substeps", f64::from(predict.substeps), 1.0, 1000.0, "");
+        if damping.kind == DampingKind::Paper {
+            let gamma = damping.time_s * f64::from(*substeps) / FRAME_S_NOMINAL;
+            let requirement = "the paper's form diverges where time_s / dt > 1/2 at 30 frames/s; \
+                shorten it, or take kind = \"xpbd\"";
+            checker.require(gamma <= 0.5, "damping.time_s", damping.time_s, requirement);
+        }
         checker.finish(|| SimulateConfig { params: self.clone() })
     }
 }
@@ -275,12 +363,24 @@ mod tests {
         let bad = SimulateParams {
             substeps: 0,
             effects: vec![Effect::Stretch, Effect::Stretch],
-            damping: DampingParams { time_s: f64::NAN },
+            damping: DampingParams { time_s: f64::NAN, ..DampingParams::default() },
             track: TrackParams { frequency_hz: -1.0, ..TrackParams::default() },
             ..SimulateParams::default()
         };
         let keys: Vec<String> = bad.check().unwrap_err().into_iter().map(|p| p.key).collect();
         assert_eq!(keys, ["effects", "substeps", "damping.time_s", "track.frequency_hz"]);
+    }
+
+    #[test]
+    fn damping_as_printed_is_refused_where_it_diverges() {
+        let keys = |kind, time_s| {
+            let damping = DampingParams { kind, time_s };
+            let params = SimulateParams { damping, ..SimulateParams::default() };
+            params.check().err().unwrap_or_default().into_iter().map(|p| p.key).collect::<Vec<_>>()
+        };
+        assert_eq!(keys(DampingKind::Paper, 0.001), ["damping.time_s"]);
+        assert!(keys(DampingKind::Paper, 0.0008).is_empty());
+        assert!(keys(DampingKind::Xpbd, 0.001).is_empty());
     }
 
     #[test]

@@ -1,36 +1,30 @@
-//! Substep XPBD of the sheet.
-//!
-//! Per substep of length `dt` (Macklin et al. 2019, "Small Steps": one iteration each):
-//!
-//! ```text
-//! x° = x;  v ← v·e^(−drag·dt) + a·dt;  x ← x + v·dt
-//! targets:   x ← x + (t − x)·r,  r = 1/(1 + 1/(ω²dt²)),  |(t − x)·r| ≤ a_max·dt²
-//! grippers:  the held point goes a share of the way to its gripper
-//! links, colour by colour, n = (x₂ − x₁)/|x₂ − x₁|, C = |x₂ − x₁| − d, α̃ = α/dt²:
-//!     s = (C + γ n·[(x₂ − x₂°) − (x₁ − x₁°)]) / ((1 + γ)(w₁ + w₂) + α̃)
-//!     x₁ ← x₁ + w₁ s n,   x₂ ← x₂ − w₂ s n
-//! facets:    x ← x + k·(g − x), g = the facet's best rigid pose
-//! table:     z ≥ height, and friction
-//! v = (x − x°)/dt
-//! ```
-//!
-//! Source: Macklin et al. 2016 (XPBD), equations 17 and 26. Deviation: the target springs are
-//! scaled by mass (a frequency, not a stiffness), so that one setting fits any sheet; the paper's
-//! Eq. (1) damps absolute motion and is not used (`../shared/paper/NOTES.md`).
+//! The sheet over time: frames of several substeps, folds, grips, prediction.
 
-use crate::effect::Effect;
+mod prediction;
+mod rest;
+
+use crate::contact::{ContactPass, Part};
+use crate::effect::{Effect, Effects};
 use crate::grips::{Anchor, Grip};
-use crate::links::{Colour, coloured, facets_of_node};
-use crate::params::{PredictParams, SimulateConfig, SimulateParams};
-use crate::passes;
+use crate::params::{SimulateConfig, SimulateParams};
+use crate::solver::links::facets_of_place;
+use crate::solver::{Hooks, Rates, Solver, Targets};
 use orime_creases::Folds;
 use orime_geometry::SheetGrid;
+use prediction::Prediction;
+use rest::Rest;
 
 /// What one step did.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct SimulateReport {
     /// Targets that were not finite and were left out.
     pub targets_rejected: u32,
+    /// Substeps that were made; 0 where the sheet slept, or a pose was taken over.
+    pub substeps: u32,
+    /// Effects that the scene names and that proved idle in this step: nothing was paid for them.
+    pub slept: Effects,
+    /// Whether the paper's damping was held down to where it does not diverge.
+    pub damping_limited: bool,
 }
 
 /// Longest frame that is simulated at once; a longer pause is simulated as this one, seconds.
@@ -41,6 +35,8 @@ pub const FRAME_S_MIN: f64 = 1e-4;
 pub const FRAME_S_NOMINAL: f64 = 1.0 / 30.0;
 /// Most grippers that hold a sheet at a time.
 pub const GRIPS_MAX: usize = 16;
+/// Most times as many substeps as set that a frame with much motion gets.
+const SUBSTEPS_TIMES_MAX: u32 = 4;
 
 /// Length of the frame that ends at `exposure_ns`, seconds: the time since the last exposure, and
 /// [`FRAME_S_NOMINAL`] where there was none or the clock went backwards.
@@ -49,10 +45,27 @@ pub fn frame_s(before_ns: Option<u64>, exposure_ns: u64) -> f64 {
     elapsed_ns.map_or(FRAME_S_NOMINAL, |ns| ns as f64 * 1e-9)
 }
 
-/// A frame's length as it is simulated. NaN clamps to NaN; a frame of unknown length does not move
-/// the sheet.
+/// A frame's length as it is simulated. A frame of unknown length does not move the sheet.
 fn clamped_s(dt_s: f64) -> f64 {
     if dt_s.is_nan() { FRAME_S_MIN } else { dt_s.clamp(FRAME_S_MIN, FRAME_S_MAX) }
+}
+
+/// The targets of a step; both slices have one entry per node.
+#[derive(Debug, Clone, Copy)]
+pub struct Pulls<'a> {
+    /// Where the nodes should be, world frame, metres.
+    pub targets_m: &'a [[f32; 3]],
+    /// 0 for no target, 1 for full trust.
+    pub confidence: &'a [f32],
+}
+
+/// How a caller takes part in a step.
+#[derive(Default)]
+pub struct Taking<'a> {
+    /// Runs in every substep if `self_contact` is among the effects and layers may touch.
+    pub contact: Option<&'a mut dyn FnMut(ContactPass<'_>)>,
+    /// Is told after each pass what it was.
+    pub watch: Option<&'a mut dyn FnMut(Part)>,
 }
 
 /// The sheet's mass points and springs.
@@ -60,34 +73,18 @@ fn clamped_s(dt_s: f64) -> f64 {
 pub struct Simulator {
     params: SimulateParams,
     folds: Folds,
-    facets_of_node: Vec<u32>,
-    uv_m: Vec<[f64; 2]>,
-    colours: Vec<Colour>,
-    /// Inverse mass of a node, 1/kg; all nodes are equal.
-    inverse_mass_per_kg: f32,
+    solver: Solver,
+    /// The facets of each place, a bit per facet.
+    facets_of_place: Vec<u32>,
     /// Subtracted from every position inside, so that f32 keeps its digits far from the origin.
     origin_m: [f32; 3],
-    x: Vec<[f32; 3]>,
-    v: Vec<[f32; 3]>,
-    before: Vec<[f32; 3]>,
     /// Smoothed motion from frame to frame, m/s.
     motion_m_per_s: Vec<[f32; 3]>,
-    targets: Vec<(u32, f32, [f32; 3])>,
-    anchors: Vec<Anchor>,
-    substeps_done: u32,
-    /// Holds the state while a prediction is made.
-    kept: [Vec<[f32; 3]>; 2],
     world: Vec<[f32; 3]>,
-    predicted: Vec<[f32; 3]>,
-}
-
-/// What pulls the nodes in a substep.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Pull {
-    /// The targets, with capped force; velocity is kept from substep to substep.
-    Targets,
-    /// Each node's own extrapolated place; nothing moves on by itself.
-    Hold,
+    rest: Rest,
+    prediction: Option<Box<Prediction>>,
+    /// Room for contact.
+    points: [Vec<[f32; 3]>; 2],
 }
 
 impl Simulator {
@@ -99,32 +96,39 @@ impl Simulator {
         density_kg_per_m2: f64,
         rest_m: Option<&[[f32; 3]]>,
     ) -> Self {
-        let flat = sheet.flat_m();
-        let rest = rest_m.unwrap_or(&flat);
-        assert_eq!(rest.len(), sheet.len(), "one rest position per node");
+        let world = rest_m.map_or_else(|| sheet.flat_m(), <[_]>::to_vec);
+        assert_eq!(world.len(), sheet.len(), "one rest position per node");
         let params = config.params.clone();
         let node_kg = density_kg_per_m2 * sheet.size_m[0] * sheet.size_m[1] / sheet.len() as f64;
         let folds = Folds::flat(sheet);
-        let zeros = vec![[0.0; 3]; rest.len()];
-        Self {
-            colours: coloured(sheet, &params.effects, params.bend.reach as usize, rest),
-            params,
-            facets_of_node: facets_of_node(&folds),
-            uv_m: sheet.uv_m().collect(),
-            folds,
-            inverse_mass_per_kg: (1.0 / node_kg) as f32,
+        let solver = Solver::new(&params, sheet, (1.0 / node_kg) as f32, rest_m);
+        let points = if solver.has_contact { world.len() } else { 0 };
+        let mut simulator = Self {
+            facets_of_place: facets_of_place(solver.layout, &folds),
             origin_m: [0.0; 3],
-            v: zeros.clone(),
-            before: rest.to_vec(),
-            motion_m_per_s: zeros,
-            targets: Vec::with_capacity(rest.len()),
-            anchors: Vec::with_capacity(GRIPS_MAX),
-            substeps_done: 0,
-            kept: [rest.to_vec(), rest.to_vec()],
-            world: rest.to_vec(),
-            predicted: rest.to_vec(),
-            x: rest.to_vec(),
+            motion_m_per_s: vec![[0.0; 3]; world.len()],
+            rest: Rest::default(),
+            prediction: None,
+            points: [(); 2].map(|()| vec![[0.0; 3]; points]),
+            params,
+            folds,
+            solver,
+            world,
+        };
+        simulator.solver.set_folds(&simulator.folds, false);
+        simulator
+    }
+
+    /// Sets inverse masses per node in units of an ordinary one's, index order. 0 pins a node,
+    /// 1 is ordinary; nothing else than finite, positive numbers and 0 is taken.
+    pub fn set_inverse_masses(&mut self, weights: &[f32]) -> bool {
+        let good = weights.len() == self.world.len()
+            && weights.iter().all(|weight| *weight >= 0.0 && weight.is_finite());
+        if good {
+            self.solver.set_weights(weights);
+            self.rest.wake();
         }
+        good
     }
 
     /// What is known of the sheet's folds; angles and layer order are observed after every step.
@@ -140,20 +144,24 @@ impl Simulator {
             return;
         }
         self.folds = folds.clone();
-        self.facets_of_node = facets_of_node(folds);
-        for colour in &mut self.colours {
-            colour.cross(folds, &self.facets_of_node);
+        if folds.facets().len() > 1 {
+            self.folds.observe(&self.world);
         }
+        self.facets_of_place = facets_of_place(self.solver.layout, folds);
+        self.solver.set_folds(&self.folds, true);
+        self.rest.wake();
     }
 
     /// The points that are held from now on, at most [`GRIPS_MAX`]; a point that is off the sheet
     /// or not finite is left out. Nothing holds the sheet unless `grippers` is among the effects.
     pub fn set_grips(&mut self, grips: &[Grip]) {
-        self.anchors.clear();
+        self.solver.anchors.clear();
         if self.has(Effect::Grippers) {
-            let anchor = |grip| Anchor::new(grip, &self.folds, &self.facets_of_node, self.origin_m);
-            self.anchors.extend(grips.iter().filter_map(anchor).take(GRIPS_MAX));
+            let anchor =
+                |grip| Anchor::new(grip, &self.folds, &self.facets_of_place, self.origin_m);
+            self.solver.anchors.extend(grips.iter().filter_map(anchor).take(GRIPS_MAX));
         }
+        self.rest.wake();
     }
 
     /// Advances by `dt_s` towards the targets; `reset` takes them over as the new pose at once.
@@ -168,63 +176,47 @@ impl Simulator {
         confidence: &[f32],
         reset: bool,
     ) -> SimulateReport {
-        let mut report = SimulateReport::default();
-        self.targets.clear();
-        let all_finite = targets_m.iter().flatten().all(|c| c.is_finite());
-        if reset && all_finite && targets_m.len() == self.x.len() {
-            self.take_over(targets_m);
-        } else {
-            if self.has(Effect::Track) {
-                self.accept_targets(targets_m, confidence, &mut report);
-            }
-            self.kept[0].copy_from_slice(&self.x);
-            let dt_s = clamped_s(dt_s);
-            let substep_s = (dt_s / f64::from(self.params.substeps)) as f32;
-            for _ in 0..self.params.substeps {
-                self.substep(substep_s, Pull::Targets);
-            }
-            let per_s = 1.0 / dt_s as f32;
-            for ((motion, x), before) in
-                self.motion_m_per_s.iter_mut().zip(&self.x).zip(&self.kept[0])
-            {
-                *motion = [0, 1, 2].map(|k| 0.5 * motion[k] + 0.5 * (x[k] - before[k]) * per_s);
-            }
-        }
-        to_world(&self.x, self.origin_m, &mut self.world);
-        if self.folds.facets().len() > 1 {
-            self.folds.observe(&self.world);
-        }
-        report
+        self.step_with(dt_s, Pulls { targets_m, confidence }, reset, &mut Taking::default())
     }
 
-    /// Where the nodes will be `dt_s` after the last step, world frame, metres: the last motion
-    /// goes on for the most part, then grippers, links and facets are obeyed, every node being
-    /// held softly. The state is left as it is.
-    pub fn predict(&mut self, dt_s: f64) -> &[[f32; 3]] {
-        let PredictParams { momentum, substeps, .. } = self.params.predict;
+    /// The same as [`Simulator::step`], with a caller who takes part.
+    pub fn step_with(
+        &mut self,
+        dt_s: f64,
+        pulls: Pulls<'_>,
+        reset: bool,
+        taking: &mut Taking<'_>,
+    ) -> SimulateReport {
+        let mut report = SimulateReport::default();
+        let all_finite = pulls.targets_m.iter().flatten().all(|c| c.is_finite());
+        if reset && all_finite && pulls.targets_m.len() == self.world.len() {
+            self.take_over(pulls.targets_m);
+            return report;
+        }
         let dt_s = clamped_s(dt_s);
-        self.kept[0].copy_from_slice(&self.x);
-        self.kept[1].copy_from_slice(&self.v);
-        let ahead_s = (momentum * dt_s) as f32;
-        self.targets.clear();
-        for (node, (x, motion)) in self.x.iter_mut().zip(&self.motion_m_per_s).enumerate() {
-            *x = [0, 1, 2].map(|axis| x[axis] + motion[axis] * ahead_s);
-            self.targets.push((node as u32, 1.0, *x));
+        self.accept_targets(pulls, &mut report);
+        if self.rest.sleeps(dt_s, pulls) {
+            report.slept = self.params.effects.iter().copied().collect();
+            return report;
         }
-        let done = self.substeps_done;
-        for _ in 0..substeps {
-            self.substep((dt_s / f64::from(substeps)) as f32, Pull::Hold);
-        }
-        self.substeps_done = done;
-        to_world(&self.x, self.origin_m, &mut self.predicted);
-        self.x.copy_from_slice(&self.kept[0]);
-        self.v.copy_from_slice(&self.kept[1]);
-        &self.predicted
+        self.advance(dt_s, taking, &mut report);
+        report
     }
 
     /// Node positions, world frame, metres, index order of the sheet.
     pub fn positions_m(&self) -> &[[f32; 3]] {
         &self.world
+    }
+
+    /// Links of an effect and their colours; none for what is no link.
+    pub fn links(&self, effect: Effect) -> [usize; 2] {
+        let colours = self.solver.colours.iter().filter(|colour| colour.effect == effect);
+        colours.fold([0, 0], |[links, n], colour| [links + colour.count(), n + 1])
+    }
+
+    /// Bytes that an effect takes; `None` for the nodes themselves.
+    pub fn bytes(&self, effect: Option<Effect>) -> usize {
+        self.solver.bytes(effect)
     }
 
     fn has(&self, effect: Effect) -> bool {
@@ -234,102 +226,170 @@ impl Simulator {
     fn take_over(&mut self, positions_m: &[[f32; 3]]) {
         let before = self.origin_m;
         self.origin_m = positions_m[positions_m.len() / 2];
-        for (x, position) in self.x.iter_mut().zip(positions_m) {
-            *x = [0, 1, 2].map(|axis| position[axis] - self.origin_m[axis]);
+        let origin_m = self.origin_m;
+        // Differences first: f32 has few digits left for both together.
+        for ((place, x), world) in self.solver.layout.places().zip(positions_m).zip(&mut self.world)
+        {
+            for axis in 0..3 {
+                self.solver.x[axis].rows_mut()[place] = x[axis] - origin_m[axis];
+            }
+            *world = *x;
         }
-        for anchor in &mut self.anchors {
+        for anchor in &mut self.solver.anchors {
             let at = &mut anchor.position_m;
-            *at = [0, 1, 2].map(|axis| at[axis] + before[axis] - self.origin_m[axis]);
+            *at = [0, 1, 2].map(|axis| at[axis] + before[axis] - origin_m[axis]);
         }
-        self.v.fill([0.0; 3]);
+        for v in &mut self.solver.v {
+            v.rows_mut().fill(0.0);
+        }
         self.motion_m_per_s.fill([0.0; 3]);
+        self.rest.wake();
+        if self.folds.facets().len() > 1 {
+            self.folds.observe(&self.world);
+            self.solver.set_folds(&self.folds, false);
+        }
     }
 
-    fn accept_targets(
-        &mut self,
-        targets_m: &[[f32; 3]],
-        confidence: &[f32],
-        report: &mut SimulateReport,
-    ) {
-        for (node, (target, confidence)) in targets_m.iter().zip(confidence).enumerate() {
-            if node >= self.x.len() || *confidence == 0.0 {
+    fn accept_targets(&mut self, pulls: Pulls<'_>, report: &mut SimulateReport) {
+        let Some(targets) = &mut self.solver.targets else { return };
+        let confidence = targets.confidence.rows_mut();
+        confidence.fill(0.0);
+        targets.count = 0;
+        let weights = self.solver.weights.as_ref();
+        let places = self.solver.layout.places();
+        for (place, (target, trust)) in places.zip(pulls.targets_m.iter().zip(pulls.confidence)) {
+            if *trust == 0.0 || weights.is_some_and(|w| w.rows()[place] == 0.0) {
                 continue;
             }
-            if !(target.iter().all(|c| c.is_finite()) && *confidence > 0.0) {
+            if !(target.iter().all(|c| c.is_finite()) && *trust > 0.0) {
                 report.targets_rejected += 1;
                 continue;
             }
-            let local = [0, 1, 2].map(|axis| target[axis] - self.origin_m[axis]);
-            self.targets.push((node as u32, confidence.min(1.0), local));
-        }
-    }
-
-    fn substep(&mut self, dt_s: f32, pull: Pull) {
-        let tracking = pull == Pull::Targets;
-        self.before.copy_from_slice(&self.x);
-        if tracking {
-            self.drift(dt_s);
-            passes::pull(&self.params.track, &self.targets, dt_s, &mut self.x);
-        } else {
-            passes::hold(self.params.predict.hold as f32, &self.targets, &mut self.x);
-        }
-        for anchor in &self.anchors {
-            anchor.pull(&mut self.x, self.params.grippers.strength as f32);
-        }
-        self.project(dt_s);
-        if self.has(Effect::Facets) && self.folds.facets().len() > 1 {
-            let strength = self.params.facets.strength;
-            let forward = self.substeps_done.is_multiple_of(2);
-            passes::hold_facets(&self.folds, strength, forward, &self.uv_m, &mut self.x);
-        }
-        if self.has(Effect::Table) {
-            let height_m = self.params.table.height_m as f32 - self.origin_m[2];
-            let friction = self.params.table.friction as f32;
-            passes::rest_on_table(height_m, friction, &self.before, &mut self.x);
-        }
-        self.substeps_done = self.substeps_done.wrapping_add(1);
-        if tracking {
-            for ((x, v), before) in self.x.iter().zip(&mut self.v).zip(&self.before) {
-                *v = [0, 1, 2].map(|axis| (x[axis] - before[axis]) / dt_s);
-            }
-        }
-    }
-
-    /// Free motion: gravity, air, inertia.
-    fn drift(&mut self, dt_s: f32) {
-        let drag_per_s = if self.has(Effect::AirDrag) { self.params.air_drag.per_s } else { 0.0 };
-        let keep = (-(drag_per_s as f32) * dt_s).exp();
-        let gravity = self.params.gravity.acceleration_m_per_s2 as f32;
-        let fall = if self.has(Effect::Gravity) { gravity * dt_s } else { 0.0 };
-        for (x, v) in self.x.iter_mut().zip(&mut self.v) {
-            v[2] -= fall;
+            confidence[place] = trust.min(1.0);
+            targets.count += 1;
             for axis in 0..3 {
-                v[axis] *= keep;
-                x[axis] += v[axis] * dt_s;
+                targets.at_m[axis].rows_mut()[place] = target[axis] - self.origin_m[axis];
             }
         }
     }
 
-    /// Links, colour by colour.
-    fn project(&mut self, dt_s: f32) {
-        let damping_s = if self.has(Effect::Damping) { self.params.damping.time_s } else { 0.0 };
-        let gamma = damping_s as f32 / dt_s;
-        for colour in &self.colours {
-            let compliance = match colour.effect {
-                Effect::Stretch => self.params.stretch.compliance_m_per_n,
-                Effect::Shear => self.params.shear.compliance_m_per_n,
-                _ => self.params.bend.compliance_m_per_n,
-            };
-            let alpha = compliance as f32 / (dt_s * dt_s); // [1/kg]
-            let weight = self.inverse_mass_per_kg;
-            passes::project(colour, weight, alpha, gamma, &mut self.x, &self.before);
+    /// Substeps, and all that is done once a frame.
+    fn advance(&mut self, dt_s: f64, taking: &mut Taking<'_>, report: &mut SimulateReport) {
+        report.substeps = self.substeps();
+        let rates = self.rates(dt_s, report);
+        self.set_ratios(rates.dt_s);
+        self.solver.yield_creases();
+        let Taking { contact, watch } = taking;
+        let mut hooks = Hooks {
+            contact: contact.as_deref_mut(),
+            watch: watch.as_deref_mut(),
+            room: &mut self.points,
+            folds: &self.folds,
+        };
+        for _ in 0..report.substeps {
+            self.solver.substep(&rates, None, &mut hooks);
+        }
+        let per_s = 1.0 / dt_s as f32;
+        let mut moved_m: f32 = 0.0;
+        let [x, y, z] = self.solver.x.each_ref().map(|field| field.rows());
+        for ((place, world), motion) in
+            self.solver.layout.places().zip(&mut self.world).zip(&mut self.motion_m_per_s)
+        {
+            let now = [x[place], y[place], z[place]];
+            for axis in 0..3 {
+                let now = now[axis] + self.origin_m[axis];
+                let way = now - world[axis];
+                moved_m = moved_m.max(way.abs());
+                motion[axis] = 0.5 * motion[axis] + 0.5 * way * per_s;
+                world[axis] = now;
+            }
+        }
+        self.rest.note(moved_m);
+        if self.folds.facets().len() > 1 {
+            self.folds.observe(&self.world);
         }
     }
-}
 
-fn to_world(x: &[[f32; 3]], origin_m: [f32; 3], world: &mut [[f32; 3]]) {
-    for (world, x) in world.iter_mut().zip(x) {
-        *world = [0, 1, 2].map(|axis| x[axis] + origin_m[axis]);
+    /// Substeps of this frame, by how far the targets are away.
+    fn substeps(&self) -> u32 {
+        let set = self.params.substeps;
+        let Some(targets) = self.solver.targets.as_ref().filter(|targets| targets.count > 0) else {
+            return set;
+        };
+        let motion_m = self.params.substep_motion_m * f64::from(set);
+        if motion_m == 0.0 {
+            return set;
+        }
+        let confidence = targets.confidence.rows();
+        let mut squared_m2 = 0f64;
+        for place in self.solver.layout.places().filter(|place| confidence[*place] > 0.0) {
+            let way =
+                |axis: usize| targets.at_m[axis].rows()[place] - self.solver.x[axis].rows()[place];
+            squared_m2 += (0..3).map(|axis| f64::from(way(axis)).powi(2)).sum::<f64>();
+        }
+        // Over all nodes: a few that are held hard say nothing of the sheet's motion.
+        let distance_m = 2.0 * (squared_m2 / self.world.len() as f64).sqrt();
+        // In few, large stages: every change of the substep turns strain into velocity.
+        match distance_m / motion_m {
+            near if near <= 1.0 => set,
+            far if far <= 2.0 => 2 * set,
+            _ => SUBSTEPS_TIMES_MAX * set,
+        }
+    }
+
+    /// What all substeps of the frame share, and which effects sleep.
+    fn rates(&self, dt_s: f64, report: &mut SimulateReport) -> Rates {
+        let dt_s = (dt_s / f64::from(report.substeps)) as f32;
+        let solver = &self.solver;
+        let drag_per_s = solver.drag_per_s.unwrap_or(0.0);
+        let acceleration_max = self.params.track.acceleration_max_m_per_s2 as f32;
+        let table_m = solver.table.map_or(0.0, |[height_m, _]| height_m - self.origin_m[2]);
+        let gamma_max = self.gamma_max(dt_s);
+        report.damping_limited = solver.damping.is_some_and(|(damp, time_s)| {
+            damp == crate::solver::Damp::Paper && time_s / dt_s > gamma_max
+        });
+        let frame_s = dt_s * report.substeps as f32;
+        let table_awake = solver.table.is_some() && self.table_is_near(table_m, frame_s);
+        let contact_awake = solver.has_contact && !self.is_flat();
+        let one_facet = self.folds.facets().len() < 2;
+        let idle = |effect: Effect| match effect {
+            Effect::Facets => one_facet,
+            Effect::Crease => solver.hinges.is_empty() && solver.plastic_links.is_empty(),
+            Effect::Grippers => solver.anchors.is_empty(),
+            Effect::Track => solver.targets.as_ref().is_none_or(|targets| targets.count == 0),
+            Effect::Table => !table_awake,
+            Effect::SelfContact => !contact_awake,
+            _ => false,
+        };
+        report.slept = self.params.effects.iter().copied().filter(|effect| idle(*effect)).collect();
+        Rates {
+            dt_s,
+            keep: (-drag_per_s * dt_s).exp(),
+            way_max_m: acceleration_max * dt_s * dt_s,
+            grip: self.params.grippers.strength as f32,
+            gamma_max,
+            table_m,
+            inertia: true,
+            table_awake,
+            contact_awake,
+        }
+    }
+
+    /// γ above which the paper's damping diverges: ½ + 2α̃m of the stiffest link.
+    fn gamma_max(&self, dt_s: f32) -> f32 {
+        let alphas = self.solver.colours.iter().map(|c| self.solver.alpha(c.effect, dt_s));
+        0.5 + 2.0 * alphas.fold(f32::INFINITY, f32::min).min(1e6)
+    }
+
+    /// Shares of the way to the targets in a substep of this length.
+    fn set_ratios(&mut self, dt_s: f32) {
+        let Some(targets) = &mut self.solver.targets else { return };
+        let omega_dt = std::f32::consts::TAU * self.params.track.frequency_hz as f32 * dt_s;
+        let Targets { confidence, ratio, .. } = targets;
+        for (ratio, confidence) in ratio.rows_mut().iter_mut().zip(confidence.rows()) {
+            let stiffness = omega_dt * omega_dt * confidence;
+            *ratio = stiffness / (1.0 + stiffness);
+        }
     }
 }
 

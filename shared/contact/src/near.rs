@@ -29,7 +29,7 @@ pub(crate) struct Over {
 }
 
 /// What is near what, in one round.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Near {
     /// Pairs that can touch, `f < g`.
     pub pairs: Vec<[u8; 2]>,

@@ -19,7 +19,7 @@ const PARALLEL: f64 = 0.9;
 const BACK_TO_BACK_M: [f64; 2] = [0.010, 0.005];
 
 /// Signs as in [`Folds::order`], and creases that meet back to back.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Order {
     sign: Box<[[i8; FACETS_MAX]; FACETS_MAX]>,
     /// Creases that meet back to back.

@@ -40,7 +40,7 @@ pub struct ContactReport {
 }
 
 /// Keeps the layers of a folded sheet apart by the order of its facets.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct FacetContact {
     params: ContactParams,
     topology: Topology,

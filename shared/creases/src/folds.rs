@@ -12,6 +12,8 @@ pub const FACETS_MAX: usize = 32;
 pub const ORDER_APART_M: f64 = 4e-3;
 /// A node nearer than this share of the spacing to a facet counts as the facet's too.
 const MARGIN: f64 = 0.25;
+/// A node keeps its facet until it lies so far outside of it, as a share of the spacing.
+const STICKY: f64 = 0.2;
 /// Shortest crease, as a share of the spacing.
 const CREASE_MIN: f64 = 0.25;
 
@@ -144,7 +146,7 @@ impl Folds {
         &self.members[facet]
     }
 
-    /// One facet per node: the one that it lies deepest in.
+    /// One facet per node: one that it lies in, or on the edge of.
     pub fn facet_of_node(&self) -> &[u8] {
         &self.facet_of_node
     }
@@ -210,6 +212,9 @@ impl Folds {
             crease.facets = [f.min(g), f.max(g)];
             true
         });
+        for facet in &mut self.facet_of_node {
+            *facet = renamed(usize::from(*facet)).map_or(u8::MAX, |new| new as u8);
+        }
         self.facets = facets;
         self.derive();
     }
@@ -259,7 +264,15 @@ impl Folds {
             (0..uv.len() as u32).filter(inside).collect()
         };
         self.members = self.facets.iter().map(members).collect();
-        self.facet_of_node = uv.iter().map(|uv| self.facet_at(*uv) as u8).collect();
+        let kept = |n: usize, uv: [f64; 2]| {
+            // What lies on a crease does not change hands for a hair's breadth.
+            let facet = usize::from(*self.facet_of_node.get(n)?);
+            let inside_m = self.facets.get(facet)?.inside_m(uv);
+            (inside_m >= -STICKY * h_u.min(h_v)).then_some(facet)
+        };
+        self.facet_of_node = (0..uv.len())
+            .map(|n| kept(n, uv[n]).unwrap_or_else(|| self.facet_at(uv[n])) as u8)
+            .collect();
         let before = std::mem::take(&mut self.creases);
         for f in 0..self.facets.len() {
             for g in f + 1..self.facets.len() {

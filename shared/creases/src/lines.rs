@@ -18,7 +18,7 @@ mod tree;
 use crate::folds::Folds;
 use crate::line::Line;
 use crate::params::{CreaseConfig, CreaseParams};
-use candidates::{Candidate, FLATNESS, Judge, REACH, View, bends, step_evidence};
+use candidates::{Candidate, Judge, View, bends};
 use estimate::Estimate;
 use hinge::{Hinge, Window};
 use nodes::Nodes;
@@ -33,6 +33,8 @@ const PART_MIN: (f64, f64) = (1.2, 6.0);
 const PUBLISH: f64 = 0.06;
 /// A crease is undone after so many steps below the first angle, unless it ever passed the second.
 const UNDO: (u32, f64, f64) = (20, 10.0, 45.0);
+/// How far the measurement of a crease looks on both sides, spacings.
+const REACH: f64 = 9.0;
 /// Creases whose line is measured in one step.
 const MEASURED_MAX: usize = 3;
 

@@ -33,7 +33,7 @@ pub struct CreaseParams {
     /// Log-likelihood ratio by which a narrow bend must beat wide and smooth ones, summed over
     /// steps. Higher values are surer and later. Default 10.
     pub evidence: f64,
-    /// Bends narrower than this many spacings count as creases. Default 3.
+    /// Bends narrower than this many spacings count as creases. Default 2.5.
     pub bend_width: f64,
     /// Ends of a crease that lie nearer than this many spacings to a landmark (corner or middle of
     /// a facet's side, end of another crease) are put there; 0 snaps nothing. Default 0.
@@ -52,7 +52,7 @@ impl Default for CreaseParams {
             angle_min_deg: 12.0,
             hits: 2,
             evidence: 10.0,
-            bend_width: 3.0,
+            bend_width: 2.5,
             snap: 0.0,
             facets_max: FACETS_MAX,
             plan: Vec::new(),

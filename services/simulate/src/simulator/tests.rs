@@ -58,10 +58,12 @@ fn a_sheet_hung_by_two_corners_stretches_less_with_more_substeps() {
 fn damping_takes_no_momentum_from_free_flight() {
     let (mut simulator, sheet) = simulator(SimulateParams {
         air_drag: AirDragParams { per_s: 0.0 },
-        damping: DampingParams { time_s: 0.01 },
+        damping: DampingParams { time_s: 0.01, ..DampingParams::default() },
         ..SimulateParams::default()
     });
-    simulator.v.fill([0.3, -0.1, 0.2]);
+    for (v, speed) in simulator.solver.v.iter_mut().zip([0.3, -0.1, 0.2]) {
+        v.rows_mut().fill(speed);
+    }
     let none = vec![0.0; sheet.len()];
     let start = simulator.positions_m().to_vec();
     for _ in 0..30 {

@@ -12,13 +12,15 @@ use crate::line::Line;
 use crate::params::CreaseParams;
 
 /// How far a fit looks on both sides of a line, spacings.
-pub(crate) const REACH: f64 = 6.0;
+const REACH: f64 = 6.0;
 /// Radius below which a bend of any angle is a crease, spacings.
 const BEND_RADIUS: f64 = 1.28;
 /// Deviations below this share of the spacing are not looked into, per coordinate.
-pub(crate) const FLATNESS: f64 = 0.05;
+const FLATNESS: f64 = 0.05;
 /// Deviations from a rigid facet that are worth a search: noise, and a share of the spacing.
 const WORTH: (f64, f64) = (1.1, 0.03);
+/// Log-likelihood ratio that one more strip must gain to be looked at.
+const STRIP_EVIDENCE: f64 = 10.0;
 /// Standard errors by which a fold angle must differ from zero.
 const ERRORS_MIN: f64 = 4.0;
 /// Bends of one sign nearer to each other than this many spacings are an arc.
@@ -30,7 +32,7 @@ const CANDIDATES_MAX: usize = 12;
 /// How near a line must be to be the same: radians, spacings.
 const SAME: (f64, f64) = (0.2, 1.2);
 /// Evidence that one step can add or take.
-pub(crate) const EVIDENCE_STEP: f64 = 5.0;
+const EVIDENCE_STEP: f64 = 5.0;
 /// A candidate is dropped below this evidence, or after so many steps without a fold.
 const DROPPED: (f64, u32) = (-5.0, 3);
 
@@ -132,17 +134,33 @@ impl Judge {
         if residual_m < WORTH.0 * view.nodes.noise_m + WORTH.1 * view.nodes.h_m {
             return;
         }
+        let noise_m = view.nodes.noise_m.max(FLATNESS * view.nodes.h_m);
         for strips in 2..=STRIPS_MAX {
-            if !self.search.best[strips].cost_m2.is_finite() {
+            let [before, after] = [strips - 1, strips].map(|k| self.search.best[k].cost_m2);
+            if (before - after) / (2.0 * noise_m * noise_m) < STRIP_EVIDENCE || after.is_infinite() {
                 break;
             }
             self.judge_division(view, strips);
-            let near = |hinge: &Hinge| is_near(hinge, known.clone(), view.nodes.h_m);
-            self.found.retain(|(_, hinge)| !near(hinge));
+            self.drop_found_arcs(known.clone(), view.nodes.h_m);
             if self.found.len() > self.best.len() {
                 std::mem::swap(&mut self.found, &mut self.best);
             }
         }
+    }
+
+    /// Drops what is found beside a fold of the same sign.
+    fn drop_found_arcs(&mut self, known: impl Iterator<Item = (Line, f64)> + Clone, h_m: f64) {
+        let mut arcs = [false; STRIPS_MAX];
+        for (a, (_, hinge)) in self.found.iter().enumerate() {
+            let others = self.found.iter().enumerate().filter(|(b, _)| *b != a);
+            let others = others.map(|(_, (_, other))| (other.line, other.sign));
+            arcs[a] = is_near(hinge, others, h_m) || is_near(hinge, known.clone(), h_m);
+        }
+        let mut at = 0;
+        self.found.retain(|_| {
+            at += 1;
+            !arcs[at - 1]
+        });
     }
 
     /// Fits a kink to every border of a division; the good ones are in `found`.
@@ -229,7 +247,7 @@ pub(crate) fn bends(params: &CreaseParams, h_m: f64) -> Bends {
 }
 
 /// What a fit says for a crease (or against it).
-pub(crate) fn step_evidence(hinge: &Hinge, h_m: f64) -> f64 {
+fn step_evidence(hinge: &Hinge, h_m: f64) -> f64 {
     hinge.evidence(hinge.noise_m2(FLATNESS * h_m)).clamp(-EVIDENCE_STEP, EVIDENCE_STEP)
 }
 

@@ -1,0 +1,125 @@
+//! What a frame costs: `cargo bench -p orime-simulate --no-default-features --bench frame`.
+//!
+//! Per size of the sheet: links, microseconds a frame (the least of many), nanoseconds and cycles
+//! of the time stamp counter a link and substep; then how stretch falls with substeps, and what
+//! that costs. `-- --frames N NODES` runs N frames of one size and nothing else, for callgrind and
+//! `perf stat`.
+
+use orime_geometry::SheetGrid;
+use orime_simulate::{AirDragParams, BendParams, Effect, SimulateParams, Simulator, TrackParams};
+use std::time::Instant;
+
+const SUBSTEPS: u32 = 20;
+const FRAME_S: f64 = 1.0 / 60.0;
+
+/// Links 1–4, inextensible, hung by two corners.
+fn hung(effects: &[Effect], nodes: usize, substeps: u32) -> (Simulator, SheetGrid, Vec<f32>) {
+    let params = SimulateParams {
+        substeps,
+        substep_motion_m: 0.0,
+        effects: effects.to_vec(),
+        bend: BendParams { reach: 4, compliance_m_per_n: 0.0 },
+        track: TrackParams { frequency_hz: 10_000.0, acceleration_max_m_per_s2: 1e6 },
+        air_drag: AirDragParams { per_s: 1.0 },
+        ..SimulateParams::default()
+    };
+    let sheet = SheetGrid::new([0.21, 0.21], [nodes, nodes]);
+    let config = params.check().expect("the bench's own parameters are good");
+    let simulator = Simulator::new(&config, &sheet, 0.08, None);
+    let mut confidence = vec![0.0; sheet.len()];
+    confidence[0] = 1.0;
+    confidence[nodes - 1] = 1.0;
+    (simulator, sheet, confidence)
+}
+
+const LINKS: [Effect; 5] =
+    [Effect::Stretch, Effect::Shear, Effect::Bend, Effect::Gravity, Effect::Track];
+
+fn links(simulator: &Simulator) -> usize {
+    [Effect::Stretch, Effect::Shear, Effect::Bend].map(|e| simulator.links(e)[0]).iter().sum()
+}
+
+fn ticks() -> u64 {
+    #[cfg(target_arch = "x86_64")]
+    // SAFETY: reading the counter has no effect.
+    unsafe {
+        std::arch::x86_64::_rdtsc()
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    0
+}
+
+/// Least microseconds and ticks of a frame.
+fn least(effects: &[Effect], nodes: usize) -> (usize, f64, f64) {
+    let (mut simulator, sheet, confidence) = hung(effects, nodes, SUBSTEPS);
+    let targets = sheet.flat_m();
+    let (mut least_s, mut least_ticks) = (f64::INFINITY, u64::MAX);
+    for _ in 0..(200_000 / (nodes * nodes)).clamp(30, 400) {
+        let (start, from) = (Instant::now(), ticks());
+        simulator.step(FRAME_S, &targets, &confidence, false);
+        least_ticks = least_ticks.min(ticks() - from);
+        least_s = least_s.min(start.elapsed().as_secs_f64());
+    }
+    (links(&simulator), least_s * 1e6, least_ticks as f64)
+}
+
+fn strain_max(x: &[[f32; 3]], sheet: &SheetGrid) -> f64 {
+    let strain = |([a, b], rest): ([u32; 2], f64)| {
+        let (a, b) = (x[a as usize], x[b as usize]);
+        let squared: f64 = (0..3).map(|k| f64::from(b[k] - a[k]).powi(2)).sum();
+        (squared.sqrt() / rest - 1.0).abs()
+    };
+    sheet.edges().into_iter().map(strain).fold(0.0, f64::max)
+}
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().collect();
+    if let Some(at) = arguments.iter().position(|argument| argument == "--frames") {
+        let number = |k: usize| arguments.get(at + k).and_then(|n| n.parse().ok()).unwrap_or(25);
+        let (mut simulator, sheet, confidence) = hung(&LINKS, number(2), SUBSTEPS);
+        let targets = sheet.flat_m();
+        for _ in 0..number(1) {
+            simulator.step(FRAME_S, &targets, &confidence, false);
+        }
+        println!("{} frames of {} links", number(1), links(&simulator));
+        return;
+    }
+    println!("links 1-4, {SUBSTEPS} substeps, one core; least of many frames");
+    println!("  nodes   links  damped  us/frame  ns/link  ticks/link  us/link-scaled-to-25");
+    let mut at_25 = 0.0;
+    for nodes in [13, 25, 36, 50, 71, 100] {
+        for damped in [false, true] {
+            let mut effects = LINKS.to_vec();
+            if damped {
+                effects.push(Effect::Damping);
+            }
+            let (links, us, ticks) = least(&effects, nodes);
+            let each = links as f64 * f64::from(SUBSTEPS);
+            if nodes == 25 && !damped {
+                at_25 = us / links as f64;
+            }
+            let scaled = if at_25 > 0.0 { us / links as f64 / at_25 } else { f64::NAN };
+            println!(
+                "{nodes:4}²  {links:6}  {damped:6}  {us:8.1}  {:7.3}  {:10.2}  {scaled:8.2}",
+                us * 1e3 / each,
+                ticks / each
+            );
+        }
+    }
+    println!("25x25 hung by two corners, 60 frames of 1/60 s (design/simulate.md, fact 1)");
+    println!("  substeps  largest stretch %  us/frame");
+    let mut effects = LINKS.to_vec();
+    effects.extend([Effect::Damping, Effect::AirDrag]);
+    for substeps in [5, 10, 20, 40, 80, 160] {
+        let (mut simulator, sheet, confidence) = hung(&effects, 25, substeps);
+        let targets = sheet.flat_m();
+        let (mut worst, mut least_s) = (0f64, f64::INFINITY);
+        for _ in 0..60 {
+            let start = Instant::now();
+            simulator.step(FRAME_S, &targets, &confidence, false);
+            least_s = least_s.min(start.elapsed().as_secs_f64());
+            worst = worst.max(strain_max(simulator.positions_m(), &sheet));
+        }
+        println!("  {substeps:8}  {:17.3}  {:8.1}", worst * 1e2, least_s * 1e6);
+    }
+}

@@ -1,0 +1,72 @@
+//! Where the sheet will be.
+
+use super::{Simulator, clamped_s};
+use crate::params::PredictParams;
+use crate::solver::field::{Field, Layout, gather};
+use crate::solver::{Hooks, Rates, Targets};
+
+/// Room for predictions; made by the first one.
+#[derive(Debug, Clone)]
+pub(super) struct Prediction {
+    /// The state, while the solver has the prediction.
+    kept: [[Field; 3]; 2],
+    /// Each node's own extrapolated place.
+    places: Targets,
+    world: Vec<[f32; 3]>,
+}
+
+impl Prediction {
+    fn new(layout: Layout) -> Self {
+        Self {
+            kept: [layout.fields(), layout.fields()],
+            places: Targets::new(layout),
+            world: vec![[0.0; 3]; layout.nodes[0] * layout.nodes[1]],
+        }
+    }
+}
+
+impl Simulator {
+    /// Where the nodes will be `dt_s` after the last step, world frame, metres: the last motion
+    /// goes on for the most part, then grippers, links and facets are obeyed, every node being
+    /// held softly. The state is left as it is.
+    pub fn predict(&mut self, dt_s: f64) -> &[[f32; 3]] {
+        let PredictParams { momentum, hold, substeps } = self.params.predict;
+        let (dt_s, layout) = (clamped_s(dt_s), self.solver.layout);
+        let mut room = self.prediction.take().unwrap_or_else(|| Box::new(Prediction::new(layout)));
+        let ahead_s = (momentum * dt_s) as f32;
+        for (kept, now) in room.kept.iter_mut().zip([&self.solver.x, &self.solver.v]) {
+            kept.clone_from(now);
+        }
+        room.places.count = layout.len() as u32;
+        for (place, motion) in layout.places().zip(&self.motion_m_per_s) {
+            room.places.ratio.rows_mut()[place] = hold as f32;
+            for (axis, motion) in motion.iter().enumerate() {
+                let x = &mut self.solver.x[axis].rows_mut()[place];
+                *x += motion * ahead_s;
+                room.places.at_m[axis].rows_mut()[place] = *x;
+            }
+        }
+        let rates = Rates {
+            dt_s: (dt_s / f64::from(substeps)) as f32,
+            keep: 1.0,
+            way_max_m: f32::MAX,
+            grip: self.params.grippers.strength as f32,
+            gamma_max: 0.5,
+            table_m: self.solver.table.map_or(0.0, |[height_m, _]| height_m - self.origin_m[2]),
+            inertia: false,
+            table_awake: true,
+            contact_awake: false,
+        };
+        let (done, hinges) = (self.solver.substeps, std::mem::take(&mut self.solver.hinges));
+        let mut hooks =
+            Hooks { contact: None, watch: None, room: &mut self.points, folds: &self.folds };
+        for _ in 0..substeps {
+            self.solver.substep(&rates, Some(&room.places), &mut hooks);
+        }
+        (self.solver.substeps, self.solver.hinges) = (done, hinges);
+        gather(layout, &self.solver.x, self.origin_m, &mut room.world);
+        self.solver.x.clone_from(&room.kept[0]);
+        self.solver.v.clone_from(&room.kept[1]);
+        &self.prediction.insert(room).world
+    }
+}

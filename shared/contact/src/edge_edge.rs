@@ -128,8 +128,7 @@ impl Pair<'_> {
         let topology = self.gaps.topology;
         let [p, q] = topology.mesh.edges[edge as usize];
         let [a, b] = [p, q].map(|n| local[n as usize]);
-        if topology.of_edge[edge as usize] >> self.g & 1 == 1
-            || self.is_on_crease([p, q], self.g)
+        if self.is_on_crease([p, q], self.g)
             || (a[2].abs().min(b[2].abs()) > REACH_M && a[2] * b[2] > 0.0)
             || self.is_contested(topology.of_edge[edge as usize], self.f, self.g)
         {
@@ -170,7 +169,7 @@ impl Pair<'_> {
                 || c[axis].min(d[axis]) > a[axis].max(b[axis])
         };
         // Two boundaries are met from both sides: once is enough. A boundary has met all.
-        let (ends, other_ends) = (topology.ends_at(edge), topology.ends_at(other));
+        let (ends, other_ends) = (topology.ends[edge as usize], topology.ends[other as usize]);
         let twice = if ends { self.f > self.g && other_ends } else { other_ends };
         if apart(0) || apart(1) || twice || [p, q].iter().any(|n| *n == r || *n == s) {
             return;

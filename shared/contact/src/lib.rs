@@ -17,12 +17,16 @@
 //!   any of their creases that is folded past 90°
 //! ```
 //!
+//! What is not folded flat, and the last write to the positions, is [`GenericContact`]'s: it knows
+//! no facets, only nodes and triangles, edges and edges.
+//!
 //! Source: `../shared/design/contact.md`. Deviations: any facets, creases off the grid lines (the
 //! triangles that a crease cuts belong to both sides, their chords may shorten), nothing is done
 //! where nothing is near.
 
 mod edge_edge;
 mod gap;
+mod generic;
 mod links;
 mod mesh;
 mod near;
@@ -35,5 +39,6 @@ mod push;
 mod spine;
 mod topology;
 
+pub use generic::{GenericContact, GenericReport, NetReport, UntangleReport};
 pub use params::{ContactConfig, ContactParams};
 pub use project::{ContactReport, FacetContact};

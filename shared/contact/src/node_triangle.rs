@@ -49,7 +49,7 @@ pub(crate) fn find(
         if sign == 0 || is_contested(topology, near, order, over) {
             continue;
         }
-        let Some(start) = locate(topology, f, g, over.uv_m) else { continue };
+        let Some(start) = locate(topology, g, over.uv_m) else { continue };
         let normal = &poses[g].normal;
         let Some((t, weights, height)) = walk(topology, over, start, normal, x) else { continue };
         let triangle = topology.mesh.triangles[t];
@@ -88,16 +88,15 @@ fn is_contested(topology: &Topology, near: &Near, order: &Order, over: &Over) ->
     false
 }
 
-/// The triangle of facet `g` that holds a material point best; none that facet `f` owns too.
-fn locate(topology: &Topology, f: usize, g: usize, uv_m: [f64; 2]) -> Option<usize> {
+/// The triangle of facet `g` that holds a material point best.
+fn locate(topology: &Topology, g: usize, uv_m: [f64; 2]) -> Option<usize> {
     let mesh = &topology.mesh;
     let [i, j] = mesh.cell(uv_m);
     let mut best = (f64::NEG_INFINITY, None);
     for i in i.saturating_sub(1)..=(i + 1).min(mesh.sheet.nodes[0] - 2) {
         for j in j.saturating_sub(1)..=(j + 1).min(mesh.sheet.nodes[1] - 2) {
             for t in mesh.triangles_of([i, j]) {
-                let facets = topology.of_triangle[t];
-                if facets >> g & 1 == 0 || facets >> f & 1 == 1 {
+                if topology.of_triangle[t] >> g & 1 == 0 {
                     continue;
                 }
                 let inside = mesh.weights(t, uv_m).into_iter().fold(f64::INFINITY, f64::min);
@@ -129,10 +128,7 @@ fn walk(
             return Some((t, weights, height));
         }
         let next = mesh.neighbours[t][side];
-        let stays = next != NONE && {
-            let facets = topology.of_triangle[next as usize];
-            facets >> over.over & 1 == 1 && facets >> over.from & 1 == 0
-        };
+        let stays = next != NONE && topology.of_triangle[next as usize] >> over.over & 1 == 1;
         if !stays {
             return (weights[side] > -RIM).then_some((t, weights, height));
         }

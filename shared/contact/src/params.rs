@@ -13,7 +13,7 @@ pub struct ContactParams {
     /// Layers that hang together at a crease close linearly towards it: gap per metre from the
     /// crease. Too steep and a closed fold cannot lie flat. Default 0.016.
     pub gap_slope: f64,
-    /// Smallest gap, at the crease itself, metres. It must stand out of f32 noise. Default 2e-6.
+    /// Smallest gap, at the crease itself, metres. It must stand out of f32 noise. Default 3e-6.
     pub gap_min_m: f64,
     /// Distance that a layer keeps from a crease that closes around it, and that two creases that
     /// meet back to back keep from each other, metres. Default 0.00015.
@@ -25,6 +25,8 @@ pub struct ContactParams {
     /// Sweeps over links and contacts per round; three more over the contacts alone follow.
     /// Default 6.
     pub sweeps: u32,
+    /// Share of a push that resists sliding: Coulomb's coefficient between layers. Default 0.3.
+    pub friction: f64,
     /// World z that no node may be below, metres; none by default.
     pub table_m: Option<f64>,
 }
@@ -34,11 +36,12 @@ impl Default for ContactParams {
         Self {
             thickness_m: 1e-4,
             gap_slope: 0.016,
-            gap_min_m: 2e-6,
+            gap_min_m: 3e-6,
             spine_gap_m: 1.5e-4,
             spine_slope: 0.02,
             rounds: 10,
             sweeps: 6,
+            friction: 0.3,
             table_m: None,
         }
     }
@@ -55,6 +58,7 @@ impl ContactParams {
             spine_slope,
             rounds,
             sweeps,
+            friction,
             table_m,
         } = self;
         let mut checker = Checker::new();
@@ -69,6 +73,7 @@ impl ContactParams {
         within("spine_slope", *spine_slope, 1e-4, 1.0, "");
         within("rounds", f64::from(*rounds), 1.0, 100.0, "");
         within("sweeps", f64::from(*sweeps), 1.0, 100.0, "");
+        within("friction", *friction, 0.0, 10.0, "");
         within("table_m", table_m.unwrap_or(0.0), -100.0, 100.0, "m");
         checker.finish(|| ContactConfig { params: self.clone() })
     }

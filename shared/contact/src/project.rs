@@ -18,6 +18,11 @@ use orime_geometry::SheetGrid;
 
 /// Sweeps over the contacts alone at a round's end: the last write to the positions.
 const LAST_SWEEPS: u32 = 3;
+/// A settled sheet with an edge that is longer than this gets another round, up to
+/// [`LINKED_ROUNDS`].
+const STRETCH_MAX: f64 = 0.03;
+/// Rounds that all sweep over links, too.
+const LINKED_ROUNDS: u32 = 4;
 
 /// What a projection did. Not settling is a result, not an error.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -137,12 +142,23 @@ impl FacetContact {
             let first = self.solve(false);
             report.worst_gap_m = first.short_m;
             report.settled = first.unsettled == 0;
-            if report.settled {
+            let may_stay = round == 0 || round >= LINKED_ROUNDS || !self.is_stretched();
+            if report.settled && may_stay {
                 break;
             }
-            self.sweep(table_m);
+            // Links stir up what is nearly settled: then every other round goes without.
+            self.sweep(round < LINKED_ROUNDS || round % 2 == 0, table_m);
         }
         report
+    }
+
+    /// Whether contacts have pulled an edge too long.
+    fn is_stretched(&self) -> bool {
+        let mesh = &self.topology.mesh;
+        mesh.edges.iter().zip(&mesh.rest_m).any(|([a, b], rest_m)| {
+            let d = self.x[*b as usize] - self.x[*a as usize];
+            d.norm_squared() > ((1.0 + STRETCH_MAX) * rest_m).powi(2)
+        })
     }
 
     fn pose(&mut self) {
@@ -166,9 +182,11 @@ impl FacetContact {
     }
 
     /// Links and contacts, then contacts alone, which are the last write.
-    fn sweep(&mut self, table_m: Option<f64>) {
+    fn sweep(&mut self, linked: bool, table_m: Option<f64>) {
         for sweep in 0..self.params.sweeps {
-            links::sweep(&self.topology, &mut self.x, &self.mobility, sweep % 2 == 1);
+            if linked {
+                links::sweep(&self.topology, &mut self.x, &self.mobility, sweep % 2 == 1);
+            }
             self.solve(sweep % 2 == 1);
             self.lift(table_m);
         }
@@ -208,5 +226,113 @@ impl FacetContact {
             }
         }
         lifted
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use orime_creases::Line;
+
+    fn sheet() -> SheetGrid {
+        SheetGrid::new([0.15, 0.15], [25, 25])
+    }
+
+    fn contact(params: ContactParams) -> FacetContact {
+        FacetContact::new(&params.check().unwrap(), &sheet())
+    }
+
+    /// The sheet folded along u = 0.075 by an angle, the moving half shifted by `down_m`.
+    fn book(degrees: f64, down_m: f64) -> Vec<[f32; 3]> {
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        let fold = |[u, v]: [f64; 2]| {
+            let over = (u - 0.075f64).max(0.0);
+            let down_m = down_m * (over / 0.01).min(1.0);
+            [(u.min(0.075) + over * cos) as f32, v as f32, (over * sin - down_m) as f32]
+        };
+        sheet().uv_m().map(fold).collect()
+    }
+
+    fn folds() -> Folds {
+        let mut folds = Folds::flat(&sheet());
+        folds.split(0, &Line::through([0.075, 0.0], [0.075, 0.15])).unwrap();
+        folds.observe(&book(120.0, 0.0));
+        folds
+    }
+
+    #[test]
+    fn nothing_near_means_nothing_done() {
+        let mut contact = contact(ContactParams::default());
+        for degrees in [0.0, 30.0, 85.0] {
+            let before = book(degrees, 0.0);
+            let mut x = before.clone();
+            let report = contact.project(&mut x, &folds());
+            assert_eq!((report.rounds, report.settled, x), (0, true, before));
+        }
+    }
+
+    #[test]
+    fn a_half_that_is_pushed_through_comes_back_on_its_side() {
+        let mut contact = contact(ContactParams::default());
+        let mut x = book(180.0, 5e-4);
+        let report = contact.project(&mut x, &folds());
+        assert!(report.settled && report.moved_m > 2e-4, "{report:?}");
+        let sheet = sheet();
+        for i in 14..25 {
+            for j in 0..25 {
+                let (low, high) = (x[sheet.index(24 - i, j)][2], x[sheet.index(i, j)][2]);
+                assert!(high > low + 0.45e-4, "{high} over {low} at {i}, {j}");
+            }
+        }
+        // Doing it again changes little, and an order that is not known does nothing.
+        let report = contact.project(&mut x, &folds());
+        assert!(report.rounds == 1 && report.moved_m < 5e-5, "{report:?}");
+        let mut unknown = folds();
+        unknown.set_order(0, 1, 0);
+        unknown.set_order(1, 0, 0);
+        let crossing = book(180.0, 5e-4);
+        x.clone_from(&crossing);
+        assert_eq!(contact.project(&mut x, &unknown).constraints, 0);
+        assert_eq!(x, crossing);
+    }
+
+    #[test]
+    fn results_repeat_bit_for_bit_and_do_not_know_what_was_before() {
+        let (mut first, mut second) =
+            (contact(ContactParams::default()), contact(ContactParams::default()));
+        second.project(&mut book(178.0, 1e-3), &folds());
+        let (mut a, mut b) = (book(180.0, 7e-4), book(180.0, 7e-4));
+        assert_eq!(first.project(&mut a, &folds()), second.project(&mut b, &folds()));
+        assert_eq!(a, b);
+    }
+
+    #[test]
+    fn held_nodes_stay_and_the_table_bears() {
+        let mut contact =
+            contact(ContactParams { table_m: Some(-1e-4), ..ContactParams::default() });
+        let mut mobility = vec![1.0; 625];
+        mobility[..300].fill(0.0);
+        contact.set_mobility(&mobility);
+        let before = book(180.0, 5e-4);
+        let mut x = before.clone();
+        contact.project(&mut x, &folds());
+        assert_eq!(x[..300], before[..300]);
+        assert!(x[325..].iter().all(|p| p[2] >= -1.1e-4));
+    }
+
+    #[test]
+    fn what_is_not_finite_is_left_alone() {
+        let mut contact = contact(ContactParams::default());
+        let mut x = book(180.0, 5e-4);
+        x[77][1] = f32::NAN;
+        let before = x.clone();
+        assert_eq!(contact.project(&mut x, &folds()), ContactReport::default());
+        assert!(
+            x.iter()
+                .flatten()
+                .zip(before.iter().flatten())
+                .all(|(a, b)| a.to_bits() == b.to_bits())
+        );
+        assert_eq!(contact.project(&mut x[..10], &folds()), ContactReport::default());
     }
 }

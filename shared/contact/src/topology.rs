@@ -70,8 +70,10 @@ pub(crate) struct Topology {
     pub of_node: Vec<u32>,
     /// Facets of each triangle; two or more where a crease cuts it.
     pub of_triangle: Vec<u32>,
-    /// Facets of each edge.
+    /// Facets that have both ends of each edge; where none has, those of its triangles.
     pub of_edge: Vec<u32>,
+    /// Whether the sheet or a facet ends at the edge.
+    pub ends: Vec<bool>,
     /// Whether a crease cuts the edge between its ends: folded, its chord is shorter.
     pub cut: Vec<bool>,
     /// Pairs of nodes two steps apart in one facet, and their rest lengths, metres: they keep it
@@ -97,6 +99,7 @@ impl Topology {
             of_node: vec![0; mesh.uv_m.len()],
             of_triangle: Vec::new(),
             of_edge: Vec::new(),
+            ends: Vec::new(),
             cut: Vec::new(),
             skips: Vec::new(),
             facets: Vec::new(),
@@ -134,12 +137,6 @@ impl Topology {
         self.shared_crease[f * self.facets.len() + g]
     }
 
-    /// Whether the sheet or a facet ends at an edge of the mesh.
-    pub fn ends_at(&self, edge: u32) -> bool {
-        let edge = edge as usize;
-        self.mesh.sides[edge][1] == NONE || !self.of_edge[edge].is_power_of_two()
-    }
-
     fn own_triangles(&mut self, folds: &Folds) {
         let Self { mesh, of_node, .. } = self;
         let of = |nodes: &[u32]| {
@@ -161,8 +158,14 @@ impl Topology {
         self.of_triangle = mesh.triangles.iter().map(triangle).collect();
         let sides = mesh.sides.iter();
         let side = |t: u32| if t == NONE { 0 } else { self.of_triangle[t as usize] };
-        self.of_edge = sides.map(|[s, t]| side(*s) | side(*t)).collect();
-        self.cut = mesh.edges.iter().map(|edge| of(edge).0 == 0).collect();
+        let of_both: Vec<u32> = sides.map(|[s, t]| side(*s) | side(*t)).collect();
+        let rim = |[_, t]: &[u32; 2]| *t == NONE;
+        let ends = of_both.iter().zip(&mesh.sides);
+        self.ends = ends.map(|(both, sides)| rim(sides) || !both.is_power_of_two()).collect();
+        let common: Vec<u32> = mesh.edges.iter().map(|edge| of(edge).0).collect();
+        self.cut = common.iter().map(|common| *common == 0).collect();
+        let own = |(common, both): (&u32, &u32)| if *common == 0 { *both } else { *common };
+        self.of_edge = common.iter().zip(&of_both).map(own).collect();
     }
 
     fn own_skips(&mut self) {
@@ -212,7 +215,7 @@ impl Topology {
         };
         let next = corners_m.iter().cycle().skip(1);
         let own = (0..self.mesh.edges.len()).filter(|e| self.of_edge[*e] >> facet & 1 == 1);
-        let (boundary, interior) = own.map(|e| e as u32).partition(|e| self.ends_at(*e));
+        let (boundary, interior) = own.map(|e| e as u32).partition(|e| self.ends[*e as usize]);
         FacetMesh {
             core,
             core_mean_m,

@@ -81,6 +81,52 @@ impl Scene {
 }
 
 impl Scene {
+    /// Largest elongation of an edge of the grid, those that a crease cuts included.
+    pub fn stretch(&self, x_m: &[[f32; 3]]) -> f64 {
+        let edges = self.sheet.edges().into_iter();
+        let elongation = edges
+            .map(|([a, b], rest_m)| distance_m(x_m[a as usize], x_m[b as usize]) / rest_m - 1.0);
+        elongation.fold(0.0, f64::max)
+    }
+
+    /// Whether the nodes of a facet that truly lie over another one are on its other side now,
+    /// in the mean.
+    pub fn has_flipped(&self, truth_m: &[[f32; 3]], x_m: &[[f32; 3]]) -> bool {
+        let count = self.folds.facets().len();
+        let pairs = (0..count * count).map(|k| [k / count, k % count]);
+        pairs.filter(|[f, g]| f != g).any(|[f, g]| {
+            let (truth, now) = (self.heights_m(truth_m, [f, g]), self.heights_m(x_m, [f, g]));
+            let both = truth.iter().zip(&now).filter_map(|(a, b)| Some([(*a)?, (*b)?]));
+            let near: Vec<[f64; 2]> = both.filter(|[a, _]| a.abs() < 5e-3).collect();
+            let mean = |k: usize| near.iter().map(|pair| pair[k]).sum::<f64>();
+            near.len() > 3 && mean(0) * mean(1) < 0.0
+        })
+    }
+
+    /// Height of every node inside facet `f` over facet `g`'s mesh, along its normal, metres.
+    fn heights_m(&self, x_m: &[[f32; 3]], [f, g]: [usize; 2]) -> Vec<Option<f64>> {
+        let facets = self.folds.facets();
+        let frame = self.folds.frame(g, x_m);
+        let point = |n: usize| nalgebra::Point3::from(x_m[n].map(f64::from));
+        let height = |(n, uv): (usize, [f64; 2])| {
+            let d = point(n) - frame.center_m;
+            let [u, v] = frame.center_uv_m;
+            let at = [u + d.dot(&frame.u), v + d.dot(&frame.v)];
+            if facets[f].inside_m(uv) < 1e-3 || facets[g].inside_m(at) < 1e-3 {
+                return None;
+            }
+            let h = self.sheet.spacing_m();
+            let [i, j] = [0, 1].map(|k| (at[k] / h[k]) as usize);
+            let [s, t] = [at[0] / h[0] - i as f64, at[1] / h[1] - j as f64];
+            let corners = [(0, 0, (1.0 - s) * (1.0 - t)), (1, 0, s * (1.0 - t))];
+            let corners = corners.into_iter().chain([(0, 1, (1.0 - s) * t), (1, 1, s * t)]);
+            let below = corners
+                .map(|(di, dj, weight)| point(self.sheet.index(i + di, j + dj)).coords * weight);
+            Some((point(n).coords - below.sum::<nalgebra::Vector3<f64>>()).dot(&frame.normal))
+        };
+        self.sheet.uv_m().enumerate().map(height).collect()
+    }
+
     /// Whether no facet has both points.
     pub fn is_cut(&self, a: [f64; 2], b: [f64; 2]) -> bool {
         let has = |f: &Facet, p| f.inside_m(p) > -1e-6;
@@ -110,6 +156,15 @@ impl Scene {
     }
 }
 
+/// Mean distance of nodes, metres.
+pub fn mean_distance_m(a_m: &[[f32; 3]], b_m: &[[f32; 3]]) -> f64 {
+    a_m.iter().zip(b_m).map(|(a, b)| distance_m(*a, *b)).sum::<f64>() / a_m.len() as f64
+}
+
+fn distance_m(a_m: [f32; 3], b_m: [f32; 3]) -> f64 {
+    (0..3).map(|k| f64::from(a_m[k] - b_m[k]).powi(2)).sum::<f64>().sqrt()
+}
+
 /// A shift and a wave about as long as the sheet, root mean square about 1.
 struct Wave {
     shift: f64,
@@ -135,11 +190,11 @@ impl Wave {
 }
 
 /// Splitmix64.
-pub struct Random(pub u64);
+struct Random(u64);
 
 impl Random {
     /// −1 to 1.
-    pub fn symmetric(&mut self) -> f64 {
+    fn symmetric(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut z = self.0;
         z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);

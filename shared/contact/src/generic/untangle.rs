@@ -1,0 +1,114 @@
+//! Crossings, and a start that has some.
+
+use super::{GenericContact, is_usable, load, store};
+use nalgebra::Vector3;
+
+/// Ends nearer than this to a triangle's plane do not pierce it, metres.
+const OFF_PLANE_M: f64 = 1e-6;
+/// Rounds at most.
+const ROUNDS: u32 = 60;
+/// An end is pulled back by this share more than it has to be.
+const BEYOND: f64 = 0.1;
+
+/// What [`GenericContact::untangle`] did.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct UntangleReport {
+    /// Crossings of an edge and a triangle at first.
+    pub crossings_before: u32,
+    /// What is left of them.
+    pub crossings_after: u32,
+    /// Rounds that were needed.
+    pub rounds: u32,
+}
+
+/// An edge through a triangle.
+struct Piercing {
+    /// The end on the shorter side.
+    end: u32,
+    triangle: [u32; 3],
+    /// Where, barycentric.
+    weights: [f64; 3],
+    /// Moves the end to the other end's side, metres.
+    back: Vector3<f64>,
+}
+
+impl GenericContact {
+    /// Pairs of a mesh edge and a triangle that cross, in f64: both ends more than 1 µm off the
+    /// triangle's plane on different sides. Pairs that share a node always touch and do not count.
+    pub fn crossings(&mut self, x_m: &[[f32; 3]]) -> usize {
+        if !is_usable(x_m, self.from.len()) {
+            return 0;
+        }
+        self.origin_m = Vector3::from(x_m[0]).cast();
+        load(&mut self.to, x_m, &self.origin_m);
+        let mut count = 0;
+        self.piercings(|_| count += 1);
+        count
+    }
+
+    /// Pulls edges out of the triangles that they pierce, the shorter end first, until nothing
+    /// crosses: for a start in a tangled pose. It does not know which layer belongs where.
+    pub fn untangle(&mut self, x_m: &mut [[f32; 3]]) -> UntangleReport {
+        let before = self.crossings(x_m) as u32;
+        let mut report =
+            UntangleReport { crossings_before: before, crossings_after: before, rounds: 0 };
+        let mut found = Vec::new();
+        while report.crossings_after > 0 && report.rounds < ROUNDS {
+            found.clear();
+            self.piercings(|piercing| found.push(piercing));
+            report.crossings_after = found.len() as u32;
+            report.rounds += 1;
+            for Piercing { end, triangle, weights, back } in &found {
+                let nodes = [*end, triangle[0], triangle[1], triangle[2]];
+                let weights = [1.0, -weights[0], -weights[1], -weights[2]];
+                let push = back * (1.0 + BEYOND);
+                crate::push::weighted_push(&mut self.to, &self.mobility, &nodes, &weights, push);
+            }
+        }
+        if report.rounds > 0 {
+            store(x_m, &self.to, &self.origin_m);
+            report.crossings_after = self.crossings(x_m) as u32;
+        }
+        report
+    }
+
+    /// All crossings of `to`, in a fixed order.
+    fn piercings(&mut self, mut found: impl FnMut(Piercing)) {
+        let Self { mesh, parts, cells, to, .. } = self;
+        cells.find(mesh, to, to, 0.0);
+        cells.near.sort_unstable();
+        for near in &cells.near {
+            parts.piercings(mesh, *near, |edge, triangle| {
+                let (edge, triangle) =
+                    (mesh.edges[edge as usize], mesh.triangles[triangle as usize]);
+                if let Some(piercing) = pierce(edge, triangle, to) {
+                    found(piercing);
+                }
+            });
+        }
+    }
+}
+
+fn pierce(edge: [u32; 2], triangle: [u32; 3], x: &[Vector3<f64>]) -> Option<Piercing> {
+    let ([p, q], [a, b, c]) = (edge.map(|n| x[n as usize]), triangle.map(|n| x[n as usize]));
+    let (e, f) = (b - a, c - a);
+    let normal = e.cross(&f);
+    let double_area = normal.norm();
+    if double_area <= 0.0 {
+        return None;
+    }
+    let normal = normal / double_area;
+    let (over, under) = (normal.dot(&(p - a)), normal.dot(&(q - a)));
+    if over * under >= 0.0 || over.abs().min(under.abs()) < OFF_PLANE_M {
+        return None;
+    }
+    let r = p + (q - p) * (over / (over - under)) - a;
+    let v = r.cross(&f).dot(&normal) / double_area;
+    let w = e.cross(&r).dot(&normal) / double_area;
+    if v <= 0.0 || w <= 0.0 || v + w >= 1.0 {
+        return None;
+    }
+    let (end, height) = if over.abs() < under.abs() { (edge[0], over) } else { (edge[1], under) };
+    let weights = [1.0 - v - w, v, w];
+    Some(Piercing { end, triangle, weights, back: normal * -height })
+}

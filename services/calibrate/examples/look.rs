@@ -11,7 +11,7 @@ fn main() {
     println!("{} views", seen.views.len());
     let f = fit(&seen, TargetKind::Rigid, |_| true).unwrap();
     println!("{:?} {:?}", f.termination, f.corner_px);
-    for (d, p) in f.depth.iter().zip(&f.first_from_camera) { println!("{d:?} {p}"); }
-    for (id, m) in &f.target_from_marker { println!("{id} {m}"); }
+    for (d, p) in f.depth.iter().zip(&f.first_from_camera) { println!("{d:?} {:?}", p.translation.vector.as_slice()); }
+    for (id, m) in &f.target_from_marker { println!("{id} {:?} {:?}", m.translation.vector.map(|x| x*1e3).as_slice(), m.rotation.euler_angles()); }
     for a in left_out(&seen, TargetKind::Rigid).unwrap() { println!("{a:?}"); }
 }

@@ -2,12 +2,12 @@
 
 use std::collections::BTreeMap;
 
+use orime_capture::TargetKind;
 use orime_geometry::RgbdCamera;
 use orime_geometry::nalgebra::{Isometry3, Point3};
 
 use crate::fit::{DepthError, Fit, FitError, fit, median};
 use crate::observe::{Observations, View, plane_depth_m};
-use crate::start::TargetKind;
 
 /// Frame sets are dealt to so many parts; each is scored by a fit to the others.
 pub const PARTS: u64 = 6;

@@ -2,11 +2,12 @@
 
 use std::collections::BTreeMap;
 
+use orime_capture::TargetKind;
 use orime_geometry::nalgebra::Isometry3;
 
 use crate::bundle::{Termination, adjust};
 use crate::observe::{Observations, View, plane_depth_m};
-use crate::start::{Layout, TargetKey, TargetKind, layout, target_key};
+use crate::start::{Layout, TargetKey, layout, target_key};
 use crate::unknowns::{Common, Sigmas, TargetViews, Unknowns};
 
 /// Scatter that the first round expects; the second takes what the first has left.

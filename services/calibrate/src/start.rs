@@ -8,23 +8,14 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use orime_geometry::nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 
+use orime_capture::TargetKind;
+
 use crate::observe::{Observations, View};
 
 /// Candidates that agree turn by less than this, radians.
 const AGREE_RAD: f64 = 0.25;
 /// Most candidates of a relation that are compared with each other.
 const CANDIDATES_MAX: usize = 600;
-
-/// What the target of the calibration is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum TargetKind {
-    /// All markers are fixed to one body (a board, a cube); how is found out.
-    #[default]
-    Rigid,
-    /// Every marker is moved on its own; only markers seen by several cameras at once count.
-    Free,
-}
 
 /// A pose of the target that several views share.
 pub type TargetKey = (u64, Option<u32>);

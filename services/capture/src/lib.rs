@@ -1,5 +1,6 @@
 //! `capture`: sources of RGB-D frames behind one trait, each writing its pixels in place.
 
+mod calibrated;
 mod folder;
 mod open;
 mod params;
@@ -8,6 +9,7 @@ mod recording;
 mod rendered;
 mod source;
 
+pub use calibrated::{CalibrationConfig, CalibrationParams, TargetKind};
 pub use folder::{FolderConfig, FolderParams};
 pub use open::{OpenError, open};
 pub use orime_origami::Gripper;
@@ -17,4 +19,4 @@ pub use rendered::{
     FaultParams, FaultPreset, Model, Occluder, Printed, RenderedConfig, RenderedParams,
     SequenceKind, ViewParams, Viewpoints,
 };
-pub use source::{FrameError, FrameReport, FrameSource};
+pub use source::{Advance, FrameError, FrameReport, FrameSource, Losses};

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use orime_geometry::SheetGrid;
 
+use crate::calibrated::CalibratedSource;
 use crate::folder::FolderSource;
 use crate::recording::RecordingSource;
 use crate::rendered::RenderedSource;
@@ -22,6 +23,9 @@ pub enum OpenError {
     /// The MCAP file cannot be played.
     #[error(transparent)]
     File(#[from] orime_recording::ReadError),
+    /// The calibration beside the source cannot be used.
+    #[error(transparent)]
+    Calibration(#[from] orime_calibration::CalibrationError),
     /// The MCAP file is damaged, and the set does not say that this is accepted.
     #[error(
         "recording `{path}` is damaged: {loss}; set `recording.damaged = true` to play what is left"
@@ -36,7 +40,7 @@ pub enum OpenError {
 
 /// Opens the source that `config` describes, for a sheet of `sheet`'s size.
 pub fn open(config: &CaptureConfig, sheet: &SheetGrid) -> Result<Box<dyn FrameSource>, OpenError> {
-    Ok(match &config.source {
+    let source: Box<dyn FrameSource> = match &config.source {
         SourceConfig::Rendered(rendered) => {
             Box::new(RenderedSource::open(rendered, config.repeat, sheet)?)
         }
@@ -44,5 +48,6 @@ pub fn open(config: &CaptureConfig, sheet: &SheetGrid) -> Result<Box<dyn FrameSo
         SourceConfig::Recording(recording) => {
             Box::new(RecordingSource::open(recording, config.repeat)?)
         }
-    })
+    };
+    CalibratedSource::over(source, &config.calibration)
 }

@@ -3,6 +3,7 @@
 use orime_params::{Checker, Problem};
 use serde::{Deserialize, Serialize};
 
+use crate::calibrated::{CalibrationConfig, CalibrationParams};
 use crate::folder::{FolderConfig, FolderParams};
 use crate::recording::{RecordingConfig, RecordingParams};
 use crate::rendered::{RenderedConfig, RenderedParams};
@@ -38,6 +39,8 @@ pub struct CaptureParams {
     pub folder: FolderParams,
     /// A recorded MCAP file.
     pub recording: RecordingParams,
+    /// Calibration of any source, and what `orime calibrate` looks for.
+    pub calibration: CalibrationParams,
 }
 
 /// A checked `[capture]` section.
@@ -49,6 +52,8 @@ pub struct CaptureConfig {
     pub repeat: bool,
     /// The source.
     pub source: SourceConfig,
+    /// What is known of its cameras beside it.
+    pub calibration: CalibrationConfig,
 }
 
 /// A checked source.
@@ -66,7 +71,7 @@ pub enum SourceConfig {
 impl CaptureParams {
     /// Checks the section; every problem at once.
     pub fn check(&self) -> Result<CaptureConfig, Vec<Problem>> {
-        let Self { source, fps, repeat, rendered, folder, recording } = self;
+        let Self { source, fps, repeat, rendered, folder, recording, calibration } = self;
         let mut checker = Checker::new();
         checker.require(
             0.0 <= *fps && *fps <= 1000.0,
@@ -80,13 +85,16 @@ impl CaptureParams {
             SourceKind::Recording => ("recording", recording.check().map(SourceConfig::Recording)),
         };
         let source = source.map_err(|problems| checker.nested(key, problems)).ok();
-        match source {
-            Some(source) => checker.finish(|| CaptureConfig {
+        let calibration =
+            calibration.check().map_err(|problems| checker.nested("calibration", problems)).ok();
+        match (source, calibration) {
+            (Some(source), Some(calibration)) => checker.finish(|| CaptureConfig {
                 period_s: (*fps > 0.0).then(|| 1.0 / fps),
                 repeat: *repeat,
                 source,
+                calibration,
             }),
-            None => Err(checker.finish(|| ()).err().unwrap_or_default()),
+            _ => Err(checker.finish(|| ()).err().unwrap_or_default()),
         }
     }
 }

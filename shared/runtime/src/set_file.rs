@@ -13,11 +13,14 @@ pub const SECTIONS: [&str; 5] = ["sheet", "capture", "segment", "register", "sim
 /// Stands for the folder of the recordings in any text of a set file.
 pub const DATA_VARIABLE: &str = "${ORIME_DATA}";
 /// Keys whose values are paths; relative ones are meant from the set file's folder.
-const PATH_KEYS: [(&[&str], &str); 4] = [
+const PATH_KEYS: [(&[&str], &str); 7] = [
     (&["sheet"], "template"),
     (&["capture", "folder"], "layout"),
     (&["capture", "folder"], "data_dir"),
     (&["capture", "recording"], "file"),
+    (&["capture", "calibration"], "file"),
+    (&["capture", "bag"], "file"),
+    (&["capture", "db3"], "file"),
 ];
 
 /// Why a set file cannot be used.

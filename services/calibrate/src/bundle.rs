@@ -151,11 +151,12 @@ impl System {
             factors.push(factor);
         }
         let common = reduced.cholesky()?.solve(&right);
-        let per_target = self.targets.iter().zip(&factors).map(|((coupling, _, gradient), factor)| {
-            let pulled = coupling.transpose() * &common;
-            let pulled = Vector6::from_column_slice(pulled.as_slice());
-            -factor.solve(&(gradient + pulled))
-        });
+        let per_target =
+            self.targets.iter().zip(&factors).map(|((coupling, _, gradient), factor)| {
+                let pulled = coupling.transpose() * &common;
+                let pulled = Vector6::from_column_slice(pulled.as_slice());
+                -factor.solve(&(gradient + pulled))
+            });
         let per_target = per_target.collect();
         Some((common, per_target))
     }

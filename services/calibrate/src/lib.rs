@@ -6,8 +6,11 @@
 
 pub mod agreement;
 pub mod bundle;
+pub mod command;
 pub mod fit;
 pub mod observe;
+pub mod pictures;
+pub mod report;
 mod residuals;
 pub mod square;
 pub mod start;

@@ -80,8 +80,7 @@ pub fn observe(
         for (index, camera) in cameras.iter().enumerate() {
             let mut color_rgb = vec![0; 3 * camera.color.pixels()];
             let mut depth_units = vec![0; camera.depth.pixels()];
-            let frame =
-                RgbdFrameMut { color_rgb: &mut color_rgb, depth_units: &mut depth_units };
+            let frame = RgbdFrameMut { color_rgb: &mut color_rgb, depth_units: &mut depth_units };
             if source.read(step, index, frame).is_err() {
                 seen.unreadable += 1;
                 continue;
@@ -91,9 +90,8 @@ pub fn observe(
                 seen.unreadable += 1;
                 continue;
             };
-            let found = unique(markers).filter_map(|marker| {
-                view(camera, index, step, marker, side_m, &depth_units)
-            });
+            let found = unique(markers)
+                .filter_map(|marker| view(camera, index, step, marker, side_m, &depth_units));
             seen.views.extend(found);
         }
     }
@@ -147,7 +145,8 @@ fn depth_inside(
         let place = Point3::new(share(k % GRID) * side_m, share(k / GRID) * side_m, 0.0);
         let Some(px) = lens.project(&(depth_from_marker * place)) else { continue };
         let (x, y) = (px.x.round(), px.y.round());
-        let inside = 0.0 <= x && x < f64::from(lens.width) && 0.0 <= y && y < f64::from(lens.height);
+        let inside =
+            0.0 <= x && x < f64::from(lens.width) && 0.0 <= y && y < f64::from(lens.height);
         if !inside {
             continue;
         }

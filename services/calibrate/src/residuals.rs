@@ -68,8 +68,8 @@ struct Slopes {
 
 impl Chain {
     fn new(unknowns: &Unknowns, target: usize, marker: usize, camera: usize) -> Self {
-        let color_from_target = unknowns.first_from_camera[camera].inverse()
-            * unknowns.first_from_target[target];
+        let color_from_target =
+            unknowns.first_from_camera[camera].inverse() * unknowns.first_from_target[target];
         let target_from_marker = unknowns.target_from_marker[marker];
         let color_from_marker = color_from_target * target_from_marker;
         Self { color_from_target, target_from_marker, color_from_marker }

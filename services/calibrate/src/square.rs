@@ -33,7 +33,11 @@ pub fn corners_m(side_m: f64) -> [Point3<f64>; 4] {
 
 /// The poses that explain a marker's corners, the better one first; none if they are no
 /// quadrangle in front of the camera.
-pub fn square_poses(lens: &CameraModel, corners_px: &[[f64; 2]; 4], side_m: f64) -> Vec<SquarePose> {
+pub fn square_poses(
+    lens: &CameraModel,
+    corners_px: &[[f64; 2]; 4],
+    side_m: f64,
+) -> Vec<SquarePose> {
     let rays = corners_px.map(|px| lens.ray(Vector2::from(px)).xy());
     let focal_px = [lens.fx_px, lens.fy_px];
     let corners = corners_m(side_m);
@@ -42,7 +46,8 @@ pub fn square_poses(lens: &CameraModel, corners_px: &[[f64; 2]; 4], side_m: f64)
     let Some(first) = refine(start) else { return Vec::new() };
     let mut poses = vec![first];
     if let Some(second) = refine(mirrored(&first.camera_from_marker)) {
-        let between = first.camera_from_marker.rotation.angle_to(&second.camera_from_marker.rotation);
+        let between =
+            first.camera_from_marker.rotation.angle_to(&second.camera_from_marker.rotation);
         if between > SAME_RAD {
             poses.push(second);
         }

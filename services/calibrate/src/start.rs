@@ -154,10 +154,10 @@ fn consensus(candidates: &[Candidate], agree_m: f64) -> Option<(Isometry3<f64>, 
         (a.pose.translation.vector - b.pose.translation.vector).norm() < agree_m
             && a.pose.rotation.angle_to(&b.pose.rotation) < AGREE_RAD
     };
-    let voters = |a: &Candidate| -> Vec<&Candidate> {
-        candidates.iter().filter(|b| agree(a, b)).collect()
-    };
-    let votes = |voters: &[&Candidate]| voters.iter().map(|c| c.group).collect::<BTreeSet<_>>().len();
+    let voters =
+        |a: &Candidate| -> Vec<&Candidate> { candidates.iter().filter(|b| agree(a, b)).collect() };
+    let votes =
+        |voters: &[&Candidate]| voters.iter().map(|c| c.group).collect::<BTreeSet<_>>().len();
     let tries = candidates.iter().step_by(stride).map(|candidate| voters(candidate));
     // The first of equals, so that results repeat.
     let best = tries.map(|v| (votes(&v), v)).reduce(|a, b| if b.0 > a.0 { b } else { a })?;

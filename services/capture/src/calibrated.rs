@@ -150,8 +150,7 @@ impl FrameSource for CalibratedSource {
         frame: RgbdFrameMut<'_>,
     ) -> Result<FrameReport, FrameError> {
         let RgbdFrameMut { color_rgb, depth_units } = frame;
-        let inside =
-            RgbdFrameMut { color_rgb: &mut *color_rgb, depth_units: &mut *depth_units };
+        let inside = RgbdFrameMut { color_rgb: &mut *color_rgb, depth_units: &mut *depth_units };
         let report = self.inner.read(step, camera, inside)?;
         if let Some(correction) = &self.corrections[camera] {
             correction.apply(depth_units);

@@ -1,6 +1,8 @@
 //! Cameras that cannot be right: what a wrong unit, frame or direction of a transform looks like.
 
-use orime_geometry::nalgebra::{Isometry3, Matrix3, Point3, Rotation3, UnitQuaternion, Vector3};
+use orime_geometry::nalgebra::{
+    Isometry3, Matrix3, Point3, Rotation3, UnitQuaternion, Vector2, Vector3,
+};
 use orime_geometry::{CameraModel, RgbdCamera};
 
 /// Cameras of one scene are not farther apart, metres.
@@ -19,8 +21,7 @@ const SCENE_M: std::ops::RangeInclusive<f64> = 0.12..=10.0;
 
 /// Everything about the cameras that cannot be right, phrased for the person who set them up.
 ///
-/// It looks at the calibration alone: a rig whose wrong poses look at one place like right ones
-/// raises no doubt.
+/// It looks at the calibration alone; [`doubts_of_depth`] looks at images.
 pub fn doubts(cameras: &[RgbdCamera]) -> Vec<String> {
     let mut found = Vec::new();
     for camera in cameras {
@@ -107,28 +108,123 @@ fn scene_doubt(cameras: &[RgbdCamera]) -> Option<String> {
     if cameras.len() < 2 || all_see_one_place(cameras, &poses) {
         return None;
     }
-    let inverted: Vec<_> = poses.iter().map(Isometry3::inverse).collect();
-    let body_from_optical = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(
-        Matrix3::new(0.0, 0.0, 1.0, -1.0, 0.0, 0.0, 0.0, -1.0, 0.0),
-    ));
-    let optical: Vec<_> = poses.iter().map(|pose| pose * body_from_optical).collect();
-    let cause = if all_see_one_place(cameras, &inverted) {
-        "they would if all poses were inverted: `world_from_color` maps the camera's coordinates \
-         into the world, not the world's into the camera (RealSense's extrinsics and Kalibr's \
-         T_cn_cnm1 map A into B)"
-    } else if all_see_one_place(cameras, &optical) {
-        "they would if the poses were of ROS body frames (x forward, z up): give those of the \
-         optical frames (x right, y down, z forward)"
-    } else if let Some(one) = one_inverted(cameras, &poses) {
+    if let Some(one) = one_inverted(cameras, &poses) {
         return Some(format!(
             "the cameras look at no common place, but would if the pose of `{}` were inverted: \
              `world_from_color` maps the camera's coordinates into the world",
             cameras[one].name
         ));
-    } else {
-        "do they watch the same sheet? `orime calibrate` finds where they stand"
-    };
-    Some(format!("the cameras look at no common place; {cause}"))
+    }
+    Some(
+        "the cameras look at no common place: do they watch the same sheet? `orime calibrate` \
+         finds where they stand"
+            .to_owned(),
+    )
+}
+
+/// The poses of optical frames, if `poses` are those of ROS body frames (x forward, z up).
+fn optical_from_body(poses: &[Isometry3<f64>]) -> Vec<Isometry3<f64>> {
+    let body_from_optical =
+        UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(Matrix3::new(
+            0.0, 0.0, 1.0, -1.0, 0.0, 0.0, 0.0, -1.0, 0.0,
+        )));
+    poses.iter().map(|pose| pose * body_from_optical).collect()
+}
+
+/// What depth images of one frame set say against the poses: surfaces that two cameras see lie in
+/// different places, and would lie in one if the poses were inverted.
+///
+/// `depth_units[k]` is camera k's image, empty where there is none. A rig that looks at one place
+/// does so inverted, too: only what it sees can tell.
+pub fn doubts_of_depth(cameras: &[RgbdCamera], depth_units: &[Vec<u16>]) -> Option<String> {
+    let poses: Vec<Isometry3<f64>> = cameras.iter().map(|c| c.world_from_color).collect();
+    let share = |poses: &[Isometry3<f64>]| agreeing_share(cameras, poses, depth_units);
+    let as_they_are = share(&poses)?;
+    let inverted: Vec<_> = poses.iter().map(Isometry3::inverse).collect();
+    let others = [
+        (
+            inverted,
+            "all poses were inverted: `world_from_color` maps the camera's coordinates \
+                    into the world, not the world's into the camera (RealSense's extrinsics and \
+                    Kalibr's T_cn_cnm1 map A into B)",
+        ),
+        (
+            optical_from_body(&poses),
+            "the poses were of ROS body frames (x forward, z up): give \
+                    those of the optical frames (x right, y down, z forward)",
+        ),
+    ];
+    others.into_iter().find_map(|(other, what)| {
+        let better = share(&other)?;
+        (better >= SHARE_MIN && better >= SHARE_RATIO * as_they_are).then(|| {
+            format!(
+                "what two cameras see agrees for {:.0} % of the depth pixels, and would for {:.0} % \
+                 if {what}",
+                100.0 * as_they_are,
+                100.0 * better
+            )
+        })
+    })
+}
+
+/// Other poses are believed if this share of pixels agrees, and so many times as many as now.
+const SHARE_MIN: f64 = 0.05;
+const SHARE_RATIO: f64 = 3.0;
+/// Every so many pixels along both sides are looked at.
+const STRIDE_PX: usize = 6;
+/// Depths agree within this, metres, and as a share.
+const AGREE_M: f64 = 0.01;
+const AGREE_SHARE: f64 = 0.02;
+
+/// Share of the depth pixels of one camera that another camera sees at the same place; `None`
+/// without pixels or without a second camera.
+fn agreeing_share(
+    cameras: &[RgbdCamera],
+    poses: &[Isometry3<f64>],
+    depth_units: &[Vec<u16>],
+) -> Option<f64> {
+    let (mut agree, mut looked_at) = (0u64, 0u64);
+    for (a, from) in cameras.iter().enumerate() {
+        for (b, to) in cameras.iter().enumerate().filter(|(b, _)| *b != a) {
+            if depth_units[b].len() != to.depth.pixels() {
+                continue;
+            }
+            let b_from_a =
+                (poses[b] * to.color_from_depth).inverse() * (poses[a] * from.color_from_depth);
+            for (px, depth_m) in samples(from, &depth_units[a]) {
+                looked_at += 1;
+                let p = b_from_a * Point3::from(from.depth.ray(px) * depth_m);
+                let Some(px) = to.depth.project(&p) else { continue };
+                let (x, y) = (px.x.round(), px.y.round());
+                let inside = 0.0 <= x
+                    && x < f64::from(to.depth.width)
+                    && 0.0 <= y
+                    && y < f64::from(to.depth.height);
+                if inside {
+                    let raw = depth_units[b][y as usize * to.depth.width as usize + x as usize];
+                    let seen_m = f64::from(raw) * to.depth_m_per_unit;
+                    let near = (seen_m - p.z).abs() < AGREE_M + AGREE_SHARE * p.z;
+                    agree += u64::from(raw > 0 && near);
+                }
+            }
+        }
+    }
+    (looked_at > 0).then(|| agree as f64 / looked_at as f64)
+}
+
+/// Some pixels with depth of an image, and their depth, metres.
+fn samples<'a>(
+    camera: &'a RgbdCamera,
+    depth_units: &'a [u16],
+) -> impl Iterator<Item = (Vector2<f64>, f64)> + 'a {
+    let width = camera.depth.width as usize;
+    let rows = depth_units.chunks_exact(width).enumerate().step_by(STRIDE_PX);
+    rows.flat_map(move |(y, row)| {
+        let with_depth = row.iter().enumerate().step_by(STRIDE_PX).filter(|(_, raw)| **raw > 0);
+        with_depth.map(move |(x, raw)| {
+            (Vector2::new(x as f64, y as f64), f64::from(*raw) * camera.depth_m_per_unit)
+        })
+    })
 }
 
 fn one_inverted(cameras: &[RgbdCamera], poses: &[Isometry3<f64>]) -> Option<usize> {
@@ -159,9 +255,10 @@ fn all_see_one_place(cameras: &[RgbdCamera], poses: &[Isometry3<f64>]) -> bool {
         let seen = pose.inverse() * Point3::from(place);
         let [width, height] = [camera.color.width, camera.color.height].map(f64::from);
         SCENE_M.contains(&seen.z)
-            && camera.color.project(&seen).is_some_and(|px| {
-                (0.0..=width).contains(&px.x) && (0.0..=height).contains(&px.y)
-            })
+            && camera
+                .color
+                .project(&seen)
+                .is_some_and(|px| (0.0..=width).contains(&px.x) && (0.0..=height).contains(&px.y))
     })
 }
 
@@ -229,28 +326,10 @@ mod tests {
     }
 
     #[test]
-    fn inverted_poses_and_body_frames_are_recognised() {
-        // The world is camera 0's frame, as calibrations have it. (Upright cameras round a world's
-        // own vertical axis are one of the rigs that look sound inverted, too.)
-        let invert = |c: &mut Vec<RgbdCamera>| {
-            let world_from_first = c[0].world_from_color;
-            for camera in c {
-                camera.world_from_color = camera.world_from_color.inverse() * world_from_first;
-            }
-        };
-        check(invert, "if all poses were inverted");
+    fn an_inverted_pose_is_recognised() {
         check(
             |c| c[2].world_from_color = c[2].world_from_color.inverse(),
             "if the pose of `c2` were inverted",
         );
-        let to_body = |c: &mut Vec<RgbdCamera>| {
-            let optical_from_body = Rotation3::from_matrix_unchecked(Matrix3::new(
-                0.0, -1.0, 0.0, 0.0, 0.0, -1.0, 1.0, 0.0, 0.0,
-            ));
-            for camera in c {
-                camera.world_from_color *= UnitQuaternion::from(optical_from_body);
-            }
-        };
-        check(to_body, "ROS body frames");
     }
 }

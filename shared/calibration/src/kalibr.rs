@@ -27,9 +27,8 @@ struct Camera {
 
 /// The cameras of a camchain; camera 0 is the world.
 pub(crate) fn import(text: &str, names: &[&str]) -> Result<Calibration, String> {
-    let cameras: BTreeMap<String, Camera> = serde_saphyr::from_str(text).map_err(|error| {
-        format!("is neither Kalibr's camchain nor ROS's camera_info: {error}")
-    })?;
+    let cameras: BTreeMap<String, Camera> = serde_saphyr::from_str(text)
+        .map_err(|error| format!("is neither Kalibr's camchain nor ROS's camera_info: {error}"))?;
     // cam10 comes after cam9.
     let mut cameras: Vec<(String, Camera)> = cameras.into_iter().collect();
     cameras.sort_by_key(|(name, _)| (name.len(), name.clone()));

@@ -12,5 +12,5 @@ pub mod kalibr;
 pub mod ros;
 
 pub use depth::DepthCorrection;
-pub use doubts::doubts;
+pub use doubts::{doubts, doubts_of_depth};
 pub use file::{Calibration, CalibrationError, CameraEntry, DepthEntry, LensEntry, PoseEntry};

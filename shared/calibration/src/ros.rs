@@ -81,11 +81,8 @@ pub(crate) fn import(text: &str, names: &[&str]) -> Result<Calibration, String> 
         distortion,
     };
     let others = names.iter().filter(|other| **other != name);
-    let mut camera = vec![CameraEntry {
-        name: name.clone(),
-        color_lens: Some(lens),
-        ..CameraEntry::default()
-    }];
+    let mut camera =
+        vec![CameraEntry { name: name.clone(), color_lens: Some(lens), ..CameraEntry::default() }];
     camera.extend(others.map(|n| CameraEntry { name: (*n).to_owned(), ..CameraEntry::default() }));
     Ok(Calibration { camera })
 }

@@ -2,9 +2,11 @@
 
 mod calibrated;
 mod folder;
+mod matching;
 mod open;
 mod params;
 mod playback;
+mod realsense_file;
 mod recording;
 mod rendered;
 mod source;
@@ -14,6 +16,7 @@ pub use folder::{FolderConfig, FolderParams};
 pub use open::{OpenError, open};
 pub use orime_origami::Gripper;
 pub use params::{CaptureConfig, CaptureParams, SourceConfig, SourceKind};
+pub use realsense_file::{Align, RealsenseFileConfig, RealsenseFileParams};
 pub use recording::{RecordingConfig, RecordingParams};
 pub use rendered::{
     FaultParams, FaultPreset, Model, Occluder, Printed, RenderedConfig, RenderedParams,

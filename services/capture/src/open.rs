@@ -6,6 +6,7 @@ use orime_geometry::SheetGrid;
 
 use crate::calibrated::CalibratedSource;
 use crate::folder::FolderSource;
+use crate::realsense_file::RealsenseFileSource;
 use crate::recording::RecordingSource;
 use crate::rendered::RenderedSource;
 use crate::{CaptureConfig, FrameSource, SourceConfig};
@@ -23,6 +24,9 @@ pub enum OpenError {
     /// The MCAP file cannot be played.
     #[error(transparent)]
     File(#[from] orime_recording::ReadError),
+    /// A recording of a RealSense camera cannot be played.
+    #[error(transparent)]
+    Realsense(#[from] orime_recording::RealsenseError),
     /// The calibration beside the source cannot be used.
     #[error(transparent)]
     Calibration(#[from] orime_calibration::CalibrationError),
@@ -47,6 +51,9 @@ pub fn open(config: &CaptureConfig, sheet: &SheetGrid) -> Result<Box<dyn FrameSo
         SourceConfig::Folder(folder) => Box::new(FolderSource::open(folder, config.repeat)?),
         SourceConfig::Recording(recording) => {
             Box::new(RecordingSource::open(recording, config.repeat)?)
+        }
+        SourceConfig::RealsenseFile(files) => {
+            Box::new(RealsenseFileSource::open(files, config.repeat)?)
         }
     };
     CalibratedSource::over(source, &config.calibration)

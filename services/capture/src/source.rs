@@ -17,6 +17,9 @@ pub enum FrameError {
     /// The file, its decoding or its size is at fault.
     #[error("{0}")]
     Unreadable(String),
+    /// The camera has no frame of this set's time.
+    #[error("the camera has no frame of this set's time")]
+    Missing,
 }
 
 /// Whether a frame set is there.

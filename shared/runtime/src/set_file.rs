@@ -19,8 +19,8 @@ const PATH_KEYS: [(&[&str], &str); 7] = [
     (&["capture", "folder"], "data_dir"),
     (&["capture", "recording"], "file"),
     (&["capture", "calibration"], "file"),
-    (&["capture", "bag"], "file"),
-    (&["capture", "db3"], "file"),
+    (&["capture", "bag"], "files"),
+    (&["capture", "db3"], "files"),
 ];
 
 /// Why a set file cannot be used.
@@ -144,8 +144,15 @@ pub fn expand(table: &mut Table, set_path: &Path) {
         for ancestor in ancestors {
             place = place.and_then(|table| table.get_mut(*ancestor)?.as_table_mut());
         }
-        if let Some(Value::String(path)) = place.and_then(|table| table.get_mut(key)) {
-            *path = folder.join(&*path).to_string_lossy().into_owned();
+        let paths = match place.and_then(|table| table.get_mut(key)) {
+            Some(Value::Array(paths)) => paths.as_mut_slice(),
+            Some(path) => std::slice::from_mut(path),
+            None => &mut [],
+        };
+        for path in paths {
+            if let Value::String(path) = path {
+                *path = folder.join(&*path).to_string_lossy().into_owned();
+            }
         }
     }
 }

@@ -18,18 +18,17 @@ impl Extrinsics {
     pub const IDENTITY: Self =
         Self { rotation: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0], translation_m: [0.0; 3] };
 
-    /// From a quaternion `x, y, z, w`, in the SDK's own arithmetic, so that both ways of reading
-    /// a file give the same bits.
+    /// From a quaternion `x, y, z, w`, rounded as the SDK rounds.
     pub fn from_quaternion([x, y, z, w]: [f64; 4], translation_m: [f64; 3]) -> Self {
         let rotation = [
             1.0 - 2.0 * y * y - 2.0 * z * z,
-            2.0 * x * y - 2.0 * z * w,
-            2.0 * x * z + 2.0 * y * w,
             2.0 * x * y + 2.0 * z * w,
-            1.0 - 2.0 * x * x - 2.0 * z * z,
-            2.0 * y * z - 2.0 * x * w,
             2.0 * x * z - 2.0 * y * w,
+            2.0 * x * y - 2.0 * z * w,
+            1.0 - 2.0 * x * x - 2.0 * z * z,
             2.0 * y * z + 2.0 * x * w,
+            2.0 * x * z + 2.0 * y * w,
+            2.0 * y * z - 2.0 * x * w,
             1.0 - 2.0 * x * x - 2.0 * y * y,
         ];
         Self {

@@ -3,7 +3,9 @@
 
 use std::time::Duration;
 
-use orime_capture::{CaptureParams, FrameError, FrameReport, FrameSource, Gripper};
+use orime_capture::{
+    Advance, CaptureParams, FrameError, FrameReport, FrameSource, Gripper, Losses,
+};
 use orime_geometry::{RgbdFrameMut, SheetGrid, SheetParams};
 use orime_messages::{
     Drops, FrameExtent, FrameStatus, GRIPPERS_MAX, GripperMeta, Grippers, Header, Truth,
@@ -29,6 +31,8 @@ pub struct Capture {
     recorder: Recorder,
     header: Header,
     drops: Drops,
+    /// As last looked at.
+    losses: Losses,
     stop: Stop,
 }
 
@@ -48,6 +52,7 @@ impl Capture {
             period_ns: config.period_s.map_or(0, |period_s| (period_s * 1e9) as u64),
             header: service.header(),
             drops: Drops::default(),
+            losses: Losses::default(),
             stop: service.stop().clone(),
             source,
             sheet,
@@ -58,16 +63,22 @@ impl Capture {
 
     /// Publishes until the source ends or somebody asks to stop; then the end of the stream.
     pub fn run(mut self) -> anyhow::Result<()> {
-        let steps = self.source.steps().unwrap_or(u64::MAX);
         let begin_ns = now_ns();
         let mut step = 0;
-        while step < steps && !self.stop.requested() {
+        while !self.stop.requested() {
             self.wait_until(begin_ns + step * self.period_ns);
+            match self.source.advance(step) {
+                Advance::Waiting => continue,
+                Advance::Ended => break,
+                Advance::Ready => {}
+            }
+            self.count_losses();
             if self.stop.requested() || !self.publish_set(step)? {
                 break;
             }
             step += 1;
         }
+        self.count_losses();
         let last = Header { step, ..self.header };
         self.truths.send_end(&last)?;
         if let Some(grippers) = &mut self.grippers {
@@ -77,6 +88,18 @@ impl Capture {
         self.recorder.ended(&last, self.drops)?;
         tracing::info!(steps = step, unreadable = self.drops.rejected, "end of capture");
         Ok(())
+    }
+
+    /// Takes what the source lost into the counts, and says when a camera went or came.
+    fn count_losses(&mut self) {
+        let losses = self.source.losses();
+        self.drops.unmatched = losses.unmatched;
+        self.drops.superseded = losses.superseded;
+        if losses.stalls != self.losses.stalls || losses.returns != self.losses.returns {
+            let (stalls, returns) = (losses.stalls, losses.returns);
+            tracing::warn!(stalls, returns, "a camera stopped or came back");
+        }
+        self.losses = losses;
     }
 
     fn wait_until(&self, due_ns: u64) {

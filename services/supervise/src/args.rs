@@ -47,6 +47,13 @@ pub enum Command {
     },
     /// Record a running set in realtime, from now on.
     Record(Record),
+    /// Find where a set's cameras stand and how their depth errs (`orime calibrate --help`).
+    #[command(disable_help_flag = true)]
+    Calibrate {
+        /// Its own arguments.
+        #[arg(trailing_var_arg = true, allow_hyphen_values = true, num_args = 0..)]
+        words: Vec<std::ffi::OsString>,
+    },
     /// Show every problem of a set file.
     Check {
         /// The set file.

@@ -13,11 +13,14 @@ pub const SECTIONS: [&str; 5] = ["sheet", "capture", "segment", "register", "sim
 /// Stands for the folder of the recordings in any text of a set file.
 pub const DATA_VARIABLE: &str = "${ORIME_DATA}";
 /// Keys whose values are paths; relative ones are meant from the set file's folder.
-const PATH_KEYS: [(&[&str], &str); 4] = [
+const PATH_KEYS: [(&[&str], &str); 7] = [
     (&["sheet"], "template"),
     (&["capture", "folder"], "layout"),
     (&["capture", "folder"], "data_dir"),
     (&["capture", "recording"], "file"),
+    (&["capture", "calibration"], "file"),
+    (&["capture", "bag"], "files"),
+    (&["capture", "db3"], "files"),
 ];
 
 /// Why a set file cannot be used.
@@ -141,8 +144,15 @@ pub fn expand(table: &mut Table, set_path: &Path) {
         for ancestor in ancestors {
             place = place.and_then(|table| table.get_mut(*ancestor)?.as_table_mut());
         }
-        if let Some(Value::String(path)) = place.and_then(|table| table.get_mut(key)) {
-            *path = folder.join(&*path).to_string_lossy().into_owned();
+        let paths = match place.and_then(|table| table.get_mut(key)) {
+            Some(Value::Array(paths)) => paths.as_mut_slice(),
+            Some(path) => std::slice::from_mut(path),
+            None => &mut [],
+        };
+        for path in paths {
+            if let Value::String(path) = path {
+                *path = folder.join(&*path).to_string_lossy().into_owned();
+            }
         }
     }
 }

@@ -1,7 +1,7 @@
 //! register as a process: waits for the state that its prediction needs, publishes targets.
 
 use orime_geometry::{RgbdCamera, SheetParams};
-use orime_messages::{Drops, ObservedCloud, RegisterFigures, SheetState, Targets};
+use orime_messages::{Drops, Header, ObservedCloud, RegisterFigures, SheetState, Targets};
 use orime_register::{Observation, RegisterParams, RegisterReport, Registrar};
 use orime_runtime::{
     Pace, Publisher, Received, Recorder, Service, Subscription, Work, channel, now_ns,
@@ -18,6 +18,12 @@ pub struct Register {
     recorder: Recorder,
     /// The newest state; in lockstep that of the step before.
     state: Option<Received<SheetState>>,
+    /// Step of the newest targets; in lockstep their state is due.
+    due: Option<u64>,
+    /// Whether the first state is a pose to go on from.
+    takes_over: bool,
+    /// The end of a stream that has come already.
+    ended: Option<Header>,
     /// The cameras, once a cloud has told them.
     cameras: Vec<RgbdCamera>,
 }
@@ -38,6 +44,9 @@ impl Register {
             targets: service.publish(&channel::TARGETS)?,
             recorder: service.recorder()?,
             state: None,
+            due: None,
+            takes_over: service.resume().is_some(),
+            ended: service.ended_input(),
             cameras: Vec::new(),
         };
         service.ready()?;
@@ -46,17 +55,20 @@ impl Register {
 
     /// Registers clouds until their stream ends.
     pub fn run(mut self) -> anyhow::Result<()> {
-        let mut first = true;
-        while let Some(cloud) = self.next_cloud()? {
+        while self.ended.is_none() {
+            let Some(cloud) = self.next_cloud()? else { return Ok(()) };
             if cloud.header.is_end() {
-                self.targets.send_end(&cloud.header)?;
-                self.recorder.ended(&cloud.header, self.clouds.drops())?;
+                self.ended = Some(cloud.header);
                 break;
             }
-            if !self.take_state(first)? || !self.publish_targets(&cloud)? {
-                break;
+            if !self.take_state()? || !self.publish_targets(&cloud)? {
+                return Ok(());
             }
-            first = false;
+            self.due = Some(cloud.header.step);
+        }
+        if let Some(last) = self.ended {
+            self.targets.send_end(&last)?;
+            self.recorder.ended(&last, self.clouds.drops())?;
         }
         Ok(())
     }
@@ -71,17 +83,38 @@ impl Register {
     /// Has the state that the prediction starts from; `false` if asked to stop.
     ///
     /// In lockstep each published step gives exactly one state, and the next step needs it.
-    fn take_state(&mut self, first: bool) -> anyhow::Result<bool> {
-        if self.pace == Pace::Realtime {
-            if let Some(state) = self.states.try_newest()? {
-                self.state = Some(state);
+    fn take_state(&mut self) -> anyhow::Result<bool> {
+        match (self.pace, self.due) {
+            (Pace::Lockstep, Some(due)) => loop {
+                let Some(state) = self.states.next()? else { return Ok(false) };
+                let is_due = state.header.step >= due;
+                self.keep(state);
+                if is_due {
+                    break;
+                }
+            },
+            // After a restart, the channel gives the newest state that there is.
+            _ => {
+                if let Some(state) = self.states.try_newest()? {
+                    self.keep(state);
+                }
             }
-        } else if !first {
-            self.state = None;
-            self.state = self.states.next()?;
-            return Ok(self.state.is_some());
         }
+        let known = self.state.as_ref().is_some_and(|state| state.has_pose != 0);
+        if self.takes_over && known {
+            self.registrar.assume_pose();
+        }
+        self.takes_over = false;
         Ok(true)
+    }
+
+    /// Keeps a state; one without a pose, from a simulate that was restarted, does not replace
+    /// one with a pose.
+    fn keep(&mut self, state: Received<SheetState>) {
+        let is_end = state.header.is_end();
+        if !is_end && (state.has_pose != 0 || self.state.is_none()) {
+            self.state = Some(state);
+        }
     }
 
     /// Publishes the targets for one cloud; `false` if asked to stop while waiting.

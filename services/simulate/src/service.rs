@@ -1,11 +1,16 @@
 //! simulate as a process: advances the sheet by each set of targets and publishes its state.
 
 use orime_geometry::{SheetGrid, SheetParams};
-use orime_messages::{SheetState, Targets};
+use orime_messages::{Header, SheetState, Targets};
 use orime_runtime::{
-    Pace, Publisher, Received, Recorder, Service, Subscription, Work, channel, now_ns,
+    Pace, Publisher, Received, Recorder, Resume, Service, Subscription, Work, channel, now_ns,
 };
 use orime_simulate::{SimulateParams, Simulator, frame_s};
+
+/// Number of a sheet that is followed, as register says it.
+const TRACKING: u32 = 1;
+/// … and of a step without anything to register against.
+const COASTING: u32 = 2;
 
 /// The simulate process.
 pub struct Simulate {
@@ -15,8 +20,15 @@ pub struct Simulate {
     targets: Subscription<Targets>,
     states: Publisher<SheetState>,
     recorder: Recorder,
+    header: Header,
     exposure_before_ns: Option<u64>,
     has_pose: bool,
+    /// Whether the first good targets are a pose to go on from.
+    takes_over: bool,
+    /// Where a restarted process goes on.
+    resume: Option<Resume>,
+    /// The end of a stream that has come already.
+    ended: Option<Header>,
 }
 
 impl Simulate {
@@ -33,8 +45,12 @@ impl Simulate {
             targets: service.subscribe(&channel::TARGETS)?,
             states: service.publish(&channel::STATE)?,
             recorder: service.recorder()?,
+            header: service.header(),
             exposure_before_ns: None,
             has_pose: false,
+            takes_over: service.resume().is_some(),
+            resume: service.resume(),
+            ended: service.ended_input(),
             sheet,
         };
         service.ready()?;
@@ -43,23 +59,53 @@ impl Simulate {
 
     /// Advances the sheet until the stream of targets ends.
     pub fn run(mut self) -> anyhow::Result<()> {
-        while let Some(targets) = self.next_targets()? {
+        if !self.answer_for_predecessor()? {
+            return Ok(());
+        }
+        while self.ended.is_none() {
+            let Some(targets) = self.next_targets()? else { return Ok(()) };
             if targets.header.is_end() {
-                self.states.send_end(&targets.header)?;
-                self.recorder.ended(&targets.header, self.targets.drops())?;
-                break;
+                self.ended = Some(targets.header);
+            } else if !self.publish_state(&targets)? {
+                return Ok(());
             }
-            if !self.publish_state(&targets)? {
-                break;
-            }
+        }
+        if let Some(last) = self.ended {
+            self.states.send_end(&last)?;
+            self.recorder.ended(&last, self.targets.drops())?;
         }
         Ok(())
     }
 
+    /// In lockstep register waits for one state per targets: where the process before this one
+    /// died with targets in hand, says that there is no pose. `false` if asked to stop.
+    fn answer_for_predecessor(&mut self) -> anyhow::Result<bool> {
+        let Some(resume) = self.resume else { return Ok(true) };
+        let Some(step) = resume.asked.filter(|asked| *asked >= resume.wanted()) else {
+            return Ok(true);
+        };
+        if self.pace == Pace::Realtime {
+            return Ok(true);
+        }
+        let lineage = Header { step, ..self.header };
+        let size_m = self.sheet.size_m;
+        let nodes = self.sheet.nodes.map(|nodes| nodes as u32);
+        let sent = self.states.send_with(&lineage, |state| {
+            // The first message of this process: what is not written here is 0.
+            state.figures.tracking = COASTING;
+            (state.n_nodes, state.has_pose, state.targets_rejected) = (0, 0, 0);
+            (state.nodes, state.size_m) = (nodes, size_m);
+        })?;
+        Ok(sent.is_some())
+    }
+
     fn next_targets(&mut self) -> anyhow::Result<Option<Received<Targets>>> {
+        // Register, if it is restarted, goes on from the newest state: nobody sends one meanwhile.
+        let states = &self.states;
+        let greet = || states.greet();
         Ok(match self.pace {
-            Pace::Lockstep => self.targets.next()?,
-            Pace::Realtime => self.targets.newest()?,
+            Pace::Lockstep => self.targets.next_with(greet)?,
+            Pace::Realtime => self.targets.newest_with(greet)?,
         })
     }
 
@@ -67,7 +113,10 @@ impl Simulate {
     fn publish_state(&mut self, targets: &Received<Targets>) -> anyhow::Result<bool> {
         let dt_s = frame_s(self.exposure_before_ns, targets.header.exposure_ns);
         self.exposure_before_ns = Some(targets.header.exposure_ns);
-        let reset = targets.figures.reset != 0;
+        // Targets of a sheet that is followed are a pose, where there is none to move towards it.
+        let is_pose = targets.figures.tracking == TRACKING;
+        let reset = targets.figures.reset != 0 || (self.takes_over && is_pose);
+        self.takes_over &= !reset;
         self.has_pose |= reset;
         let (simulator, sheet, has_pose) = (&mut self.simulator, &self.sheet, self.has_pose);
         let mut work = Work {

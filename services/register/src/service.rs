@@ -18,6 +18,8 @@ pub struct Register {
     recorder: Recorder,
     /// The newest state; in lockstep that of the step before.
     state: Option<Received<SheetState>>,
+    /// The process that the newest state came from.
+    simulate: Option<u64>,
     /// Step of the newest targets; in lockstep their state is due.
     due: Option<u64>,
     /// Whether the first state is a pose to go on from.
@@ -44,6 +46,7 @@ impl Register {
             targets: service.publish(&channel::TARGETS)?,
             recorder: service.recorder()?,
             state: None,
+            simulate: None,
             due: None,
             takes_over: service.resume().is_some(),
             ended: service.ended_input(),
@@ -87,7 +90,11 @@ impl Register {
         match (self.pace, self.due) {
             (Pace::Lockstep, Some(due)) => loop {
                 let Some(state) = self.states.next()? else { return Ok(false) };
-                let is_due = state.header.step >= due;
+                // A simulate that was restarted may not know what it is asked: its first word is
+                // an answer to anything.
+                let Header { step, incarnation, .. } = state.header;
+                let simulate = self.simulate.replace(incarnation);
+                let is_due = step >= due || simulate.is_some_and(|other| other != incarnation);
                 self.keep(state);
                 if is_due {
                     break;

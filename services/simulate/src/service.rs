@@ -77,16 +77,13 @@ impl Simulate {
         Ok(())
     }
 
-    /// In lockstep register waits for one state per targets: where the process before this one
-    /// died with targets in hand, says that there is no pose. `false` if asked to stop.
+    /// In lockstep register waits for one state per targets, and those that the process before
+    /// this one had in hand are lost: says that there is no pose. `false` if asked to stop.
     fn answer_for_predecessor(&mut self) -> anyhow::Result<bool> {
-        let Some(resume) = self.resume else { return Ok(true) };
-        let Some(step) = resume.asked.filter(|asked| *asked >= resume.wanted()) else {
+        let Some(resume) = self.resume.filter(|_| self.pace == Pace::Lockstep) else {
             return Ok(true);
         };
-        if self.pace == Pace::Realtime {
-            return Ok(true);
-        }
+        let step = resume.asked.max(resume.published).unwrap_or(0);
         let lineage = Header { step, ..self.header };
         let size_m = self.sheet.size_m;
         let nodes = self.sheet.nodes.map(|nodes| nodes as u32);

@@ -314,6 +314,10 @@ impl Watch {
                     }
                     *missing != stage
                 });
+                // One that is not ready would die of it, and holds nothing yet.
+                if fleet.process(Stage::Judge).is_some_and(|judge| judge.is_ready) {
+                    fleet.signal(Stage::Judge, Signal::USR1);
+                }
                 // The end of its input may have passed while there was nobody to hear it.
                 if self.progress.resume(stage).input_ended {
                     fleet.signal(stage, Signal::HUP);

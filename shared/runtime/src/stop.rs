@@ -5,13 +5,14 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use rustix::process::{Pid, Signal, getppid, set_parent_process_death_signal};
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
 
 /// A flag that asks a process to end, shared by all that wait in it.
 #[derive(Debug, Clone, Default)]
 pub struct Stop {
     requested: Arc<AtomicBool>,
     leaving: Arc<AtomicBool>,
+    release: Arc<AtomicBool>,
 }
 
 impl Stop {
@@ -28,6 +29,7 @@ impl Stop {
         // In this order: whoever sees the request also sees what it is for.
         signal_hook::flag::register(SIGHUP, Arc::clone(&stop.leaving))?;
         signal_hook::flag::register(SIGHUP, Arc::clone(&stop.requested))?;
+        signal_hook::flag::register(SIGUSR1, Arc::clone(&stop.release))?;
         signal_hook::flag::register(SIGINT, Arc::new(AtomicBool::new(false)))?;
         Ok(stop)
     }
@@ -45,6 +47,12 @@ impl Stop {
     /// Whether another process of the same stage will go on: the stream does not end.
     pub fn is_handover(&self) -> bool {
         self.leaving.load(Ordering::Relaxed)
+    }
+
+    /// Whether the supervisor asks (SIGUSR1) to give back messages that are held for ones to come:
+    /// they were lost with a stage that died, and its successor may need the memory. Told once.
+    pub fn take_release(&self) -> bool {
+        self.release.swap(false, Ordering::Relaxed)
     }
 
     /// Whether somebody asked to end.

@@ -22,6 +22,8 @@ pub struct Capture {
     source: Box<dyn FrameSource>,
     sheet: SheetGrid,
     period_ns: u64,
+    /// The first frame set to publish: a restarted capture goes on with the one that is missing.
+    first_step: u64,
     frames: FramePublisher,
     truths: Publisher<Truth>,
     /// Absent where the source tells no grippers: the channel is a robot's then.
@@ -50,6 +52,7 @@ impl Capture {
             truths: service.publish(&channel::TRUTH)?,
             recorder: service.recorder()?,
             period_ns: config.period_s.map_or(0, |period_s| (period_s * 1e9) as u64),
+            first_step: service.resume().map_or(0, |resume| resume.next_set),
             header: service.header(),
             drops: Drops::default(),
             losses: Losses::default(),
@@ -63,8 +66,8 @@ impl Capture {
 
     /// Publishes until the source ends or somebody asks to stop; then the end of the stream.
     pub fn run(mut self) -> anyhow::Result<()> {
-        let begin_ns = now_ns();
-        let mut step = 0;
+        let mut step = self.first_step;
+        let begin_ns = now_ns().saturating_sub(step * self.period_ns);
         while !self.stop.requested() {
             self.wait_until(begin_ns + step * self.period_ns);
             match self.source.advance(step) {
@@ -79,6 +82,9 @@ impl Capture {
             step += 1;
         }
         self.count_losses();
+        if self.stop.is_handover() {
+            return Ok(());
+        }
         let last = Header { step, ..self.header };
         self.truths.send_end(&last)?;
         if let Some(grippers) = &mut self.grippers {

@@ -202,6 +202,11 @@ impl Pipeline {
         self.model.folds()
     }
 
+    /// The facet or, in the paper's mode, the cluster of every node.
+    pub fn clusters(&self) -> &[u8] {
+        self.model.clusters()
+    }
+
     /// What the simulation of the last step did.
     pub fn model_report(&self) -> &ModelReport {
         &self.model_report

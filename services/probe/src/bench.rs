@@ -261,7 +261,14 @@ fn enlarge(socket: &UdpSocket) {
 }
 
 fn join(run: RunId, stage: Stage) -> anyhow::Result<Link> {
-    let identity = Identity { run, pace: Pace::Lockstep, cameras: 1, stage, incarnation: now_ns() };
+    let identity = Identity {
+        run,
+        pace: Pace::Lockstep,
+        cameras: 1,
+        stage,
+        incarnation: now_ns(),
+        resume: None,
+    };
     Ok(Link::join(identity, Stop::new())?)
 }
 

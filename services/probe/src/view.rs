@@ -66,7 +66,7 @@ fn hop(text: &mut String, name: &str, hop: &HopReport) {
 }
 
 fn row(text: &mut String, name: &str, percentiles: &Percentiles) {
-    let Percentiles { count, p50, p99, max } = percentiles;
+    let Percentiles { count, p50, p99, max, .. } = percentiles;
     let number = |value: &Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.1}"));
     let (p50, p99, max) = (number(p50), number(p99), number(max));
     let _ = writeln!(text, "{name:34} {count:>8} {p50:>12} {p99:>12} {max:>12}");

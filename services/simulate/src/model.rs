@@ -92,6 +92,10 @@ impl SheetModel {
                 self.simulator.correct(dt_s, &self.positions_m);
             }
         }
+        // A facet that is split later inherits the order that is known by then.
+        if self.finder.folds().facets().len() > 1 {
+            self.finder.folds_mut().observe(&self.positions_m);
+        }
         self.predicted_m.copy_from_slice(self.simulator.predict(dt_s));
         if let Some(contact) = &mut contact {
             contact.project(&mut self.predicted_m, self.simulator.folds());
@@ -112,6 +116,11 @@ impl SheetModel {
     /// Facets, creases and layer order.
     pub fn folds(&self) -> &Folds {
         self.simulator.folds()
+    }
+
+    /// The facet or, in the paper's mode, the cluster of every node.
+    pub fn clusters(&self) -> &[u8] {
+        self.finder.clusters()
     }
 
     /// A facet gives way where its targets lie off any rigid pose: a crease is about to form there,

@@ -68,7 +68,7 @@ macro_rules! scalar_layouts {
         })*
     };
 }
-scalar_layouts!(u8, u16, u32, u64, f32, f64);
+scalar_layouts!(i8, u8, u16, u32, u64, f32, f64);
 
 impl<T: Layout, const N: usize> Layout for [T; N] {
     const HASH: u64 = mix_u64(mix(T::HASH, b"array"), N as u64);

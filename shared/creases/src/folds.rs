@@ -12,6 +12,8 @@ pub const FACETS_MAX: usize = 32;
 pub const ORDER_APART_M: f64 = 4e-3;
 /// A node nearer than this share of the spacing to a facet counts as the facet's too.
 const MARGIN: f64 = 0.25;
+/// Corners nearer than this are one, metres.
+const SAME_M: f64 = 1e-8;
 /// A node keeps its facet until it lies so far outside of it, as a share of the spacing.
 const STICKY: f64 = 0.2;
 /// Shortest crease, as a share of the spacing.
@@ -62,11 +64,15 @@ impl Facet {
         if !parts.iter().all(wide) {
             return None;
         }
-        let [left, right] = parts.map(|mut corners_m| {
-            corners_m.dedup_by(|a, b| (a[0] - b[0]).hypot(a[1] - b[1]) < 1e-9);
+        let same = |a: &[f64; 2], b: &[f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]) < SAME_M;
+        let facets = parts.map(|mut corners_m| {
+            corners_m.dedup_by(|a, b| same(a, b));
+            if corners_m.len() > 1 && same(&corners_m[0], &corners_m[corners_m.len() - 1]) {
+                corners_m.pop();
+            }
             Facet { corners_m }
         });
-        Some([left, right])
+        facets.iter().all(|facet| facet.corners_m.len() >= 3).then_some(facets)
     }
 }
 

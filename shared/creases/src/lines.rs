@@ -20,7 +20,7 @@ use crate::line::Line;
 use crate::params::{CreaseConfig, CreaseParams};
 use candidates::{Candidate, Judge, View, bends};
 use estimate::Estimate;
-use hinge::{Hinge, Window};
+use hinge::{Bends, Hinge, Window};
 use nodes::Nodes;
 use orime_geometry::SheetGrid;
 use tree::{Cut, Side, Tree};
@@ -213,7 +213,9 @@ impl LineFinder {
         let piece = strip(ends_m, 4.0 * h_m);
         let window = Window { line, reach_m: reach_m.map(|r| r.min(REACH * h_m)), piece: &piece };
         let both = members[0].iter().chain(members[1]).copied();
-        let bends = bends(&self.config.params, h_m);
+        // Rivals have lost already.
+        let angle_rad = f64::INFINITY;
+        let bends = Bends { angle_rad, ..bends(&self.config.params, h_m) };
         let Some(hinge) = self.judge.fitter.fit(&self.nodes, both, window, 2, bends) else {
             return;
         };
@@ -221,7 +223,7 @@ impl LineFinder {
         known.angle_max_rad = known.angle_max_rad.max(hinge.angle_rad);
         let flat = hinge.angle_rad < UNDO.1.to_radians();
         known.unfolded = if flat { known.unfolded + 1 } else { 0 };
-        if !flat && hinge.narrow_m2 < hinge.wide_m2.min(hinge.smooth_m2) {
+        if !flat && hinge.narrow_m2 < hinge.smooth_m2 {
             known.estimate.measure(&hinge, h_m);
         }
     }
@@ -265,8 +267,6 @@ impl LineFinder {
 /// A rectangle along a crease, `2 · half_m` wide.
 fn strip([a, b]: [[f64; 2]; 2], half_m: f64) -> [[f64; 2]; 4] {
     let d = Line::through(a, b).direction;
-    let at = |p: [f64; 2], sign: f64| {
-        [p[0] - sign * half_m * d[1], p[1] + sign * half_m * d[0]]
-    };
+    let at = |p: [f64; 2], sign: f64| [p[0] - sign * half_m * d[1], p[1] + sign * half_m * d[0]];
     [at(a, -1.0), at(b, -1.0), at(b, 1.0), at(a, 1.0)]
 }

@@ -391,7 +391,10 @@ impl Clustering {
                 let flat = self.sums[a].plus(&self.sums[b]).flatness();
                 *steps = if flat < JOINED.0 * self.params.r_div { *steps + 1 } else { 0 };
                 if *steps >= JOINED.1 {
-                    self.labels.iter_mut().filter(|l| usize::from(**l) == b).for_each(|l| *l = a as u8);
+                    self.labels
+                        .iter_mut()
+                        .filter(|l| usize::from(**l) == b)
+                        .for_each(|l| *l = a as u8);
                     self.remove(b);
                     self.sum();
                     return;

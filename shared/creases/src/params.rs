@@ -117,8 +117,17 @@ impl Default for CreaseParams {
 impl CreaseParams {
     /// Checks the section; every problem at once.
     pub fn check(&self) -> Result<CreaseConfig, Vec<Problem>> {
-        let Self { mode: _, angle_min_deg, hits, evidence, bend_width, snap, facets_max, plan, paper } =
-            self;
+        let Self {
+            mode: _,
+            angle_min_deg,
+            hits,
+            evidence,
+            bend_width,
+            snap,
+            facets_max,
+            plan,
+            paper,
+        } = self;
         let mut checker = Checker::new();
         let mut within = |key: &str, value: f64, low: f64, high: f64, unit: &str| {
             let requirement = format!("must be {low} to {high} {unit}");

@@ -10,7 +10,8 @@ pub(crate) fn eigen<const N: usize>(mut a: [[f64; N]; N]) -> ([f64; N], [[f64; N
         row[k] = 1.0;
     }
     for _ in 0..SWEEPS_MAX {
-        let off: f64 = (0..N).flat_map(|i| (0..i).map(move |j| (i, j))).map(|(i, j)| a[i][j].abs()).sum();
+        let off: f64 =
+            (0..N).flat_map(|i| (0..i).map(move |j| (i, j))).map(|(i, j)| a[i][j].abs()).sum();
         let scale: f64 = (0..N).map(|i| a[i][i].abs()).sum();
         if off <= 1e-15 * scale {
             break;
@@ -57,8 +58,10 @@ mod tests {
         let at = |i: usize, j: usize| -> f64 {
             (0..3).map(|k| values[k] * axes[k][i] * axes[k][j]).sum()
         };
-        let (found, vectors) = eigen::<3>(std::array::from_fn(|i| std::array::from_fn(|j| at(i, j))));
-        for (k, (value, axis)) in [(7.0, axes[1]), (2.0, axes[0]), (-1.0, axes[2])].into_iter().enumerate()
+        let (found, vectors) =
+            eigen::<3>(std::array::from_fn(|i| std::array::from_fn(|j| at(i, j))));
+        for (k, (value, axis)) in
+            [(7.0, axes[1]), (2.0, axes[0]), (-1.0, axes[2])].into_iter().enumerate()
         {
             assert!((found[k] - value).abs() < 1e-12);
             let along: f64 = (0..3).map(|i| vectors[k][i] * axis[i]).sum();

@@ -31,7 +31,7 @@ pub struct CreaseParams {
     /// Steps in which it must look like a fold. More are surer and later. Default 2.
     pub hits: u32,
     /// Log-likelihood ratio by which a narrow bend must beat wide and smooth ones, summed over
-    /// steps. Higher values are surer and later. Default 10.
+    /// steps. Higher values are surer and later. Default 7.
     pub evidence: f64,
     /// Bends narrower than this many spacings count as creases. Default 2.5.
     pub bend_width: f64,
@@ -104,7 +104,7 @@ impl Default for CreaseParams {
             mode: CreaseMode::Lines,
             angle_min_deg: 12.0,
             hits: 2,
-            evidence: 10.0,
+            evidence: 7.0,
             bend_width: 2.5,
             snap: 0.0,
             facets_max: FACETS_MAX,

@@ -2,6 +2,7 @@
 
 mod compare;
 mod cpd;
+mod creases;
 mod output;
 mod set;
 mod track;
@@ -27,6 +28,7 @@ Examples:
   orime-evaluate track deploy/sets/half_fold.toml --json out.json --pictures out/
   orime-evaluate track deploy/sets/square_base.toml --pictures out/ --pictures-at 100,225,345
   orime-evaluate compare deploy/sets/square_base.toml --out out/compare
+  orime-evaluate creases --seeds 5 --json creases.json
   orime-evaluate cpd --source model.csv --target cloud.csv --out moved.csv --beta 2 --lambda 2
 
 What each figure means stands beside its name in services/evaluate/src/summary.rs, and how it is
@@ -42,6 +44,8 @@ enum Command {
     Compare(compare::CompareArguments),
     /// Register two point files by textbook Coherent Point Drift.
     Cpd(cpd::CpdArguments),
+    /// Find creases in exact folds with noise, by both methods, against their goals.
+    Creases(creases::CreasesArguments),
 }
 
 /// Runs one command.
@@ -51,6 +55,7 @@ pub fn run(arguments: Arguments) -> anyhow::Result<()> {
         Command::Watch(arguments) => watch::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
         Command::Cpd(arguments) => cpd::run(&arguments),
+        Command::Creases(arguments) => creases::run(&arguments),
     }
 }
 

@@ -456,6 +456,38 @@ mod tests {
     }
 
     #[test]
+    fn mountains_are_positive_and_valleys_negative() {
+        let (p, q) = ([0.075, 0.0], [0.075, 0.15]);
+        // Lifting a part makes a valley on the side that u × v points to; either way round.
+        for (line, lift, positive) in
+            [((p, q), 1.0, false), ((q, p), 1.0, false), ((p, q), -1.0, true), ((q, p), -1.0, true)]
+        {
+            let mut folds = Folds::flat(&sheet());
+            folds.split(0, &Line::through(line.0, line.1)).unwrap();
+            folds.observe(&folded(lift * 0.5));
+            let angle_rad = folds.creases()[0].angle_rad;
+            assert!((angle_rad.abs() - 0.5).abs() < 1e-6);
+            assert_eq!(angle_rad > 0.0, positive, "{line:?} lifted by {lift}");
+        }
+    }
+
+    #[test]
+    fn retiling_keeps_angles_order_and_nodes_on_creases() {
+        let mut folds = Folds::flat(&sheet());
+        folds.split(0, &Line::through([0.075, 0.0], [0.075, 0.15])).unwrap();
+        folds.observe(&folded(1.0));
+        let (before, label) = (folds.clone(), folds.facet_of_node()[12 * 25]);
+        let mut facets = folds.facets().to_vec();
+        facets.reverse();
+        folds.retile(facets, &[1, 0]);
+        assert_eq!(folds.order(0, 1), before.order(1, 0));
+        assert_eq!(folds.facet_of_node()[12 * 25], 1 - label);
+        assert_eq!(folds.facet_of_node()[0], 1 - before.facet_of_node()[0]);
+        let [now, then] = [&folds, &before].map(|f| f.creases()[0].angle_rad.abs());
+        assert!((now - then).abs() < 1e-12);
+    }
+
+    #[test]
     fn a_frame_fits_a_turned_facet_exactly() {
         let turn = nalgebra::Rotation3::from_euler_angles(0.3, -0.8, 2.0);
         let x: Vec<[f32; 3]> = sheet()

@@ -162,3 +162,37 @@ pub struct CreaseConfig {
     pub(crate) params: CreaseParams,
     pub(crate) plan: Vec<Line>,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn defaults_pass_and_are_the_documented_ones() {
+        let CreaseParams {
+            mode, angle_min_deg, hits, evidence, bend_width, snap, facets_max, ..
+        } = CreaseParams::default();
+        assert_eq!((mode, hits, facets_max), (CreaseMode::Lines, 2, 32));
+        assert_eq!((angle_min_deg, evidence, bend_width, snap), (12.0, 7.0, 2.5, 0.0));
+        let PaperParams { s_m2, r_div, r_fix_m2, lock, iterations } = PaperParams::default();
+        assert_eq!((s_m2, r_div, r_fix_m2), (1e-6, 0.13, 6.4e-5));
+        assert_eq!((lock, iterations), (Lock::Global, 20));
+        assert!(CreaseParams::default().check().is_ok());
+    }
+
+    #[test]
+    fn nonsense_is_reported_whole() {
+        let params = CreaseParams {
+            angle_min_deg: f64::NAN,
+            hits: 0,
+            facets_max: 33,
+            plan: vec![[[0.1, 0.1], [0.1, 0.1]]],
+            paper: PaperParams { s_m2: 0.0, iterations: 0, ..Default::default() },
+            ..Default::default()
+        };
+        let keys: Vec<String> = params.check().unwrap_err().into_iter().map(|p| p.key).collect();
+        let expected =
+            ["angle_min_deg", "hits", "facets_max", "plan", "paper.s_m2", "paper.iterations"];
+        assert_eq!(keys, expected);
+    }
+}

@@ -273,14 +273,19 @@ pub(crate) fn bends(params: &CreaseParams, h_m: f64) -> Bends {
     }
 }
 
+/// Variance of a coordinate about a fit, m², with what is not looked into.
+pub(crate) fn noise_m2(hinge: &Hinge, h_m: f64) -> f64 {
+    hinge.noise_m2(FLATNESS * h_m)
+}
+
 /// What a fit says for a crease (or against it).
 fn step_evidence(hinge: &Hinge, h_m: f64) -> f64 {
-    hinge.evidence(hinge.noise_m2(FLATNESS * h_m)).clamp(-EVIDENCE_STEP, EVIDENCE_STEP)
+    hinge.evidence(noise_m2(hinge, h_m)).clamp(-EVIDENCE_STEP, EVIDENCE_STEP)
 }
 
 /// Whether a fit is folded at all, and neither stretch nor noise.
 fn is_fold(hinge: &Hinge, view: &View) -> bool {
-    let error_rad = hinge.error_rad(hinge.noise_m2(FLATNESS * view.nodes.h_m));
+    let error_rad = hinge.error_rad(noise_m2(hinge, view.nodes.h_m));
     hinge.angle_rad > view.params.angle_min_deg.to_radians().max(ERRORS_MIN * error_rad)
         && hinge.stretch.iter().all(|s| STRETCH.contains(s))
 }

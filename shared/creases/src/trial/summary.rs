@@ -99,10 +99,9 @@ impl Summary {
             _ => return None,
         };
         let found_deg = match self.kind {
-            SceneKind::Diagonal
-            | SceneKind::Book
-            | SceneKind::Oblique
-            | SceneKind::Random(_) => [40.0, 60.0],
+            SceneKind::Diagonal | SceneKind::Book | SceneKind::Oblique | SceneKind::Random(_) => {
+                [40.0, 60.0]
+            }
             SceneKind::SecondHalf | SceneKind::Squash => [50.0, 80.0],
             SceneKind::Accordion => [60.0, 85.0],
             SceneKind::Blintz => [90.0, 120.0],

@@ -175,10 +175,9 @@ impl LineFinder {
         let known = known.or_else(|| self.planned(&hinge.line, hinge.middle_m()));
         let mut estimate = Estimate::new(hinge, self.nodes.h_m);
         estimate.fixed = known.is_some();
-        let line = known.unwrap_or_else(|| {
-            self.at_landmarks(&estimate, &folds.facets()[facet], folds.facets())
-        });
-        estimate.publish(line, line != hinge.line);
+        let snapped = self.at_landmarks(&estimate, &folds.facets()[facet], folds.facets());
+        let line = known.or(snapped).unwrap_or(hinge.line);
+        estimate.publish(line, known.is_none() && snapped.is_some());
         let Some(new) = folds.split(facet, &line) else { return false };
         let cut = Cut {
             sides: [Side::Facet(facet), Side::Facet(new)],
@@ -192,14 +191,17 @@ impl LineFinder {
         true
     }
 
-    /// An estimate's best line, put on landmarks of the piece that it parts.
-    fn at_landmarks(&self, estimate: &Estimate, piece: &Facet, facets: &[Facet]) -> Line {
+    /// An estimate's best line, put on landmarks of the piece that it parts, where some are near.
+    fn at_landmarks(&self, estimate: &Estimate, piece: &Facet, facets: &[Facet]) -> Option<Line> {
         let snap_m = self.config.params.snap * self.nodes.h_m;
         let best = estimate.best();
         if snap_m <= 0.0 {
-            return best;
+            return None;
         }
-        snap::snap(&best, piece, facets, |end| snap_m + self.unsure_m(estimate, end))
+        // Its own ends are no landmarks.
+        let others = facets.iter().flat_map(|facet| facet.corners_m.iter().copied());
+        let others = others.filter(|p| estimate.line.side_m(*p).abs() > snap::ON_BORDER_M);
+        snap::snap(&best, piece, others, |end| snap_m + self.unsure_m(estimate, end))
     }
 
     /// How far an end of a line may be off by noise, metres.
@@ -270,14 +272,10 @@ impl LineFinder {
     fn publish(&mut self, folds: &mut Folds) -> bool {
         for cut in 0..self.tree.cuts.len() {
             let estimate = self.tree.cuts[cut].estimate;
-            let line = match self.tree.piece(cut) {
-                Some(piece) if !estimate.fixed => {
-                    self.at_landmarks(&estimate, &piece, folds.facets())
-                }
-                _ => estimate.line,
-            };
-            let moved = line != estimate.best() && !estimate.fixed;
-            self.tree.cuts[cut].estimate.publish(line, moved);
+            let piece = self.tree.piece(cut).filter(|_| !estimate.fixed);
+            let snapped = piece.and_then(|p| self.at_landmarks(&estimate, &p, folds.facets()));
+            let best = if estimate.fixed { estimate.line } else { estimate.best() };
+            self.tree.cuts[cut].estimate.publish(snapped.unwrap_or(best), snapped.is_some());
         }
         let Some(facets) = self.tree.facets() else {
             self.tree.cuts.iter_mut().for_each(|cut| cut.estimate.withdraw());

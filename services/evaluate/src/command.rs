@@ -2,6 +2,7 @@
 
 mod compare;
 mod cpd;
+mod creases;
 mod output;
 mod points;
 mod register;
@@ -29,6 +30,7 @@ Examples:
   orime-evaluate track deploy/sets/half_fold.toml --json out.json --pictures out/
   orime-evaluate track deploy/sets/square_base.toml --pictures out/ --pictures-at 100,225,345
   orime-evaluate compare deploy/sets/square_base.toml --out out/compare
+  orime-evaluate creases --seeds 5 --json creases.json
   orime-evaluate cpd --source model.csv --target cloud.csv --out moved.csv --beta 2 --lambda 2
 
 What each figure means stands beside its name in services/evaluate/src/summary.rs, and how it is
@@ -46,6 +48,8 @@ enum Command {
     Cpd(cpd::CpdArguments),
     /// Register a sheet to a cloud, once, from files.
     Register(register::RegisterArguments),
+    /// Find creases in exact folds with noise, by both methods, against their goals.
+    Creases(creases::CreasesArguments),
 }
 
 /// Runs one command.
@@ -56,6 +60,7 @@ pub fn run(arguments: Arguments) -> anyhow::Result<()> {
         Command::Compare(arguments) => compare::run(&arguments),
         Command::Cpd(arguments) => cpd::run(&arguments),
         Command::Register(arguments) => register::run(&arguments),
+        Command::Creases(arguments) => creases::run(&arguments),
     }
 }
 

@@ -31,7 +31,7 @@ pub struct CreaseParams {
     /// Steps in which it must look like a fold. More are surer and later. Default 2.
     pub hits: u32,
     /// Log-likelihood ratio by which a narrow bend must beat wide and smooth ones, summed over
-    /// steps. Higher values are surer and later. Default 10.
+    /// steps. Higher values are surer and later. Default 7.
     pub evidence: f64,
     /// Bends narrower than this many spacings count as creases. Default 2.5.
     pub bend_width: f64,
@@ -104,7 +104,7 @@ impl Default for CreaseParams {
             mode: CreaseMode::Lines,
             angle_min_deg: 12.0,
             hits: 2,
-            evidence: 10.0,
+            evidence: 7.0,
             bend_width: 2.5,
             snap: 0.0,
             facets_max: FACETS_MAX,
@@ -161,4 +161,38 @@ impl CreaseParams {
 pub struct CreaseConfig {
     pub(crate) params: CreaseParams,
     pub(crate) plan: Vec<Line>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn defaults_pass_and_are_the_documented_ones() {
+        let CreaseParams {
+            mode, angle_min_deg, hits, evidence, bend_width, snap, facets_max, ..
+        } = CreaseParams::default();
+        assert_eq!((mode, hits, facets_max), (CreaseMode::Lines, 2, 32));
+        assert_eq!((angle_min_deg, evidence, bend_width, snap), (12.0, 7.0, 2.5, 0.0));
+        let PaperParams { s_m2, r_div, r_fix_m2, lock, iterations } = PaperParams::default();
+        assert_eq!((s_m2, r_div, r_fix_m2), (1e-6, 0.13, 6.4e-5));
+        assert_eq!((lock, iterations), (Lock::Global, 20));
+        assert!(CreaseParams::default().check().is_ok());
+    }
+
+    #[test]
+    fn nonsense_is_reported_whole() {
+        let params = CreaseParams {
+            angle_min_deg: f64::NAN,
+            hits: 0,
+            facets_max: 33,
+            plan: vec![[[0.1, 0.1], [0.1, 0.1]]],
+            paper: PaperParams { s_m2: 0.0, iterations: 0, ..Default::default() },
+            ..Default::default()
+        };
+        let keys: Vec<String> = params.check().unwrap_err().into_iter().map(|p| p.key).collect();
+        let expected =
+            ["angle_min_deg", "hits", "facets_max", "plan", "paper.s_m2", "paper.iterations"];
+        assert_eq!(keys, expected);
+    }
 }

@@ -105,19 +105,25 @@ fn a_flap_that_is_pulled_through_stops_above_and_goes_home_alone() {
 }
 
 #[test]
-fn a_tangled_start_is_said_and_untangled() {
+fn a_corner_that_pokes_through_is_said_and_untangled() {
     let line = FoldLine::book([SIDE_M; 2]);
     let mut scene = Scene::new(Sequence::half_fold(paper(), line, Timing::default()).unwrap());
     let truth = scene.truth_m(112);
     let mut contact = GenericContact::new(&config(), &scene.sheet);
-    let mut seeds = (1..50).map(|seed| scene.noisy(&truth, 1e-3, seed));
-    let tangled = seeds.find(|x| contact.crossings(x) > 10).unwrap();
+    // The flap's corner pokes through the lower layer, off its nodes.
+    let mut tangled = truth.clone();
+    let corner = |n: &u32| n % 25 < 2 && scene.folds.members(1).contains(n);
+    let tip = (0..625).filter(corner).min_by_key(|n| (n / 25).min(24 - n / 25)).unwrap();
+    for n in [tip, tip + 1] {
+        let p = &mut tangled[n as usize];
+        *p = [p[0] + 1e-3, p[1] + 1e-3, -2e-3];
+    }
     let mut x = tangled.clone();
     assert!(!contact.truncate(&tangled, &mut x).armed);
     let report = contact.untangle(&mut x);
     assert!(report.crossings_before > 0 && report.crossings_after == 0, "{report:?}");
     assert_eq!(self_intersections(&x, &scene.sheet.triangles()), 0);
-    assert!(scene::mean_distance_m(&x, &tangled) < 1e-3);
+    assert!(scene::mean_distance_m(&x, &tangled) < 1e-4);
     assert!(contact.truncate(&x.clone(), &mut truth.clone()).armed);
 }
 

@@ -217,9 +217,24 @@ impl Pipeline {
                     let folds = self.finder.folds();
                     for f in 0..folds.facets().len() {
                         let m = folds.members(f);
-                        let c: f32 = m.iter().map(|n| self.confidence[*n as usize]).sum::<f32>() / m.len() as f32;
-                        let near: Vec<u32> = m.iter().copied().filter(|n| self.confidence[*n as usize] > 0.3).collect();
-                        eprintln!("dbg {step} facet {f} conf {c:.2} residual {:.2} seen {:.2} state {:.2}", 1e3*folds.frame(f, &self.targets_m).residual_m, 1e3*orime_creases::FacetFrame::fit(&self.sheet, &near, &self.targets_m).residual_m, 1e3*folds.frame(f, self.simulator.positions_m()).residual_m);
+                        let c: f32 = m.iter().map(|n| self.confidence[*n as usize]).sum::<f32>()
+                            / m.len() as f32;
+                        let near: Vec<u32> = m
+                            .iter()
+                            .copied()
+                            .filter(|n| self.confidence[*n as usize] > 0.3)
+                            .collect();
+                        eprintln!(
+                            "dbg {step} facet {f} conf {c:.2} residual {:.2} seen {:.2} state {:.2}",
+                            1e3 * folds.frame(f, &self.targets_m).residual_m,
+                            1e3 * orime_creases::FacetFrame::fit(
+                                &self.sheet,
+                                &near,
+                                &self.targets_m
+                            )
+                            .residual_m,
+                            1e3 * folds.frame(f, self.simulator.positions_m()).residual_m
+                        );
                     }
                 }
                 self.simulator.set_folds(self.finder.folds());

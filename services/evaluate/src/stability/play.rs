@@ -9,6 +9,8 @@ use std::time::Instant;
 
 /// Length of a frame, seconds.
 pub const FRAME_S: f64 = 1.0 / 30.0;
+/// Passes of contact per frame.
+const PASSES: u32 = 5;
 /// Mass per area, kg/m².
 pub const DENSITY: f64 = 0.08;
 
@@ -127,7 +129,9 @@ pub fn rms_m(a_m: &[[f32; 3]], b_m: &[[f32; 3]], counts: impl Fn(usize) -> bool)
 pub fn play(scene: &Scene<'_>) -> Played {
     let sheet = &scene.sheet;
     let table = scene.params.effects.contains(&Effect::Table);
-    let table_m = table.then_some(scene.params.table.height_m);
+    // Contact works relative to the node in the middle of the pose that was taken over.
+    let origin_m = scene.start_m.as_ref().map_or(0.0, |x| f64::from(x[x.len() / 2][2]));
+    let table_m = table.then_some(scene.params.table.height_m - origin_m);
     let contact =
         ContactParams { thickness_m: scene.thickness_m, table_m, ..ContactParams::default() };
     let mut contact = SelfContact::new(&contact.check().expect("they pass"), sheet);
@@ -142,6 +146,7 @@ pub fn play(scene: &Scene<'_>) -> Played {
         simulator.set_folds(folds);
     }
     let triangles = sheet.triangles();
+    let (mut last_m, mut was_on) = (Vec::new(), false);
     let mut played = Played { frames: scene.frames, ..Played::default() };
     for frame in 0..scene.frames {
         let (targets_m, confidence) = (scene.targets)(frame);
@@ -150,8 +155,19 @@ pub fn play(scene: &Scene<'_>) -> Played {
         }
         let before = simulator.positions_m().to_vec();
         let started = Instant::now();
+        let mut substep = 0u32;
         let mut pass = |pass: ContactPass<'_>| {
-            let report = contact.pass(pass.before_m, pass.x_m, pass.folds);
+            // A few times a frame, and in its last substep; the net spans what lies between.
+            let substeps = (FRAME_S / pass.dt_s).round() as u32;
+            if last_m.is_empty() || substep == 0 && !was_on {
+                last_m = pass.before_m.to_vec();
+            }
+            substep += 1;
+            if substep % (substeps / PASSES).max(1) != 0 && substep != substeps {
+                return;
+            }
+            let report = contact.pass(&last_m, pass.x_m, pass.folds);
+            last_m.copy_from_slice(pass.x_m);
             played.net_shortened += u32::from(report.net.share < 1.0);
             played.net_unarmed += u32::from(!report.net.armed);
         };
@@ -161,6 +177,7 @@ pub fn play(scene: &Scene<'_>) -> Played {
         let mut taking = Taking { contact, watch: None };
         let pulls = Pulls { targets_m: &targets_m, confidence: &confidence };
         simulator.step_with(FRAME_S, pulls, false, &mut taking);
+        was_on = on;
         played.ms.push(started.elapsed().as_secs_f64() * 1e3);
         let now = simulator.positions_m();
         if self_intersections(now, &triangles) > 0 {

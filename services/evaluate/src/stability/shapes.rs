@@ -26,9 +26,12 @@ pub fn between(sheet: &SheetGrid, us: &[f64], vs: &[f64]) -> Vec<Facet> {
     facets
 }
 
+/// A closed fold's targets go this share of half a turn too far (0.9°): they lie in each other.
+const PAST: f64 = 1.005;
+
 /// Turns what lies beyond `at` along one axis by a share of half a turn, about a line there.
 pub fn turned([x, z]: [f64; 2], at: f64, share: f64) -> [f64; 2] {
-    let (sin, cos) = (PI * share.clamp(0.0, 1.0)).sin_cos();
+    let (sin, cos) = (PI * share.clamp(0.0, PAST)).sin_cos();
     if x <= at {
         return [x, z];
     }

@@ -6,17 +6,6 @@ use crate::project::{ContactReport, FacetContact};
 use orime_creases::Folds;
 use orime_geometry::SheetGrid;
 
-/// What one pass did.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SelfContactReport {
-    /// Contact by layer order.
-    pub facets: ContactReport,
-    /// Contact of a sheet without folds.
-    pub generic: GenericReport,
-    /// The net.
-    pub net: NetReport,
-}
-
 /// Contact by layer order where there are facets, generic contact where there are none, and the
 /// net under both.
 #[derive(Debug)]
@@ -45,15 +34,14 @@ impl SelfContact {
         self.mobility.copy_from_slice(mobility);
     }
 
-    /// Moves `x_m` so that nothing has passed through anything on the way from `from_m`. Metres,
-    /// one per node. A step that begins tangled is untangled as far as the layer order tells, and
-    /// has no net.
-    pub fn pass(
+    /// Parts what touches; `from_m` is where the substep began. Metres, one per node. Call it in
+    /// every substep: a correction of what has gathered over several becomes a kick.
+    pub fn project(
         &mut self,
         from_m: &[[f32; 3]],
         x_m: &mut [[f32; 3]],
         folds: &Folds,
-    ) -> SelfContactReport {
+    ) -> (ContactReport, GenericReport) {
         let facets = self.facets.project(x_m, folds);
         let mut generic = GenericReport::default();
         if folds.facets().len() == 1 {
@@ -65,7 +53,12 @@ impl SelfContact {
                 x[2] = x[2].max(table_m as f32);
             }
         }
-        let net = self.generic.truncate(from_m, x_m);
-        SelfContactReport { facets, generic, net }
+        (facets, generic)
+    }
+
+    /// Casts the net: nothing has passed through anything on the straight way from `from_m`, which
+    /// may lie several substeps back. What begins tangled has no net.
+    pub fn truncate(&mut self, from_m: &[[f32; 3]], x_m: &mut [[f32; 3]]) -> NetReport {
+        self.generic.truncate(from_m, x_m)
     }
 }

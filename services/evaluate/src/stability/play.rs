@@ -9,7 +9,7 @@ use std::time::Instant;
 
 /// Length of a frame, seconds.
 pub const FRAME_S: f64 = 1.0 / 30.0;
-/// Passes of contact per frame.
+/// Times that the net is cast per frame.
 const PASSES: u32 = 5;
 /// Mass per area, kg/m².
 pub const DENSITY: f64 = 0.08;
@@ -39,6 +39,8 @@ pub struct Played {
     pub frames: usize,
     /// Frames in which the sheet crosses itself.
     pub crossing: Vec<usize>,
+    /// Frames in which a facet is on the wrong side of another.
+    pub flipped_in: Vec<usize>,
     /// Largest elongation of an edge, in all frames and in the last.
     pub stretch: f64,
     pub stretch_end: f64,
@@ -157,19 +159,22 @@ pub fn play(scene: &Scene<'_>) -> Played {
         let started = Instant::now();
         let mut substep = 0u32;
         let mut pass = |pass: ContactPass<'_>| {
-            // A few times a frame, and in its last substep; the net spans what lies between.
+            // The net a few times a frame, and in its last substep; it spans what lies between.
             let substeps = (FRAME_S / pass.dt_s).round() as u32;
             if last_m.is_empty() || substep == 0 && !was_on {
+                // What begins tangled is untangled by its layer order; only then the net holds it.
                 last_m = pass.before_m.to_vec();
+                contact.project(pass.before_m, &mut last_m, pass.folds);
             }
             substep += 1;
+            contact.project(pass.before_m, pass.x_m, pass.folds);
             if substep % (substeps / PASSES).max(1) != 0 && substep != substeps {
                 return;
             }
-            let report = contact.pass(&last_m, pass.x_m, pass.folds);
+            let net = contact.truncate(&last_m, pass.x_m);
             last_m.copy_from_slice(pass.x_m);
-            played.net_shortened += u32::from(report.net.share < 1.0);
-            played.net_unarmed += u32::from(!report.net.armed);
+            played.net_shortened += u32::from(net.share < 1.0);
+            played.net_unarmed += u32::from(!net.armed);
         };
         let on = (scene.contact)(frame);
         let contact: Option<&mut dyn FnMut(ContactPass<'_>)> =
@@ -182,6 +187,9 @@ pub fn play(scene: &Scene<'_>) -> Played {
         let now = simulator.positions_m();
         if self_intersections(now, &triangles) > 0 {
             played.crossing.push(frame);
+        }
+        if wanted.as_ref().is_some_and(|folds| flipped(folds, now) > 0) {
+            played.flipped_in.push(frame);
         }
         played.stretch_end = stretch(sheet, now);
         played.stretch = played.stretch.max(played.stretch_end);

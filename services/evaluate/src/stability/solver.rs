@@ -50,6 +50,7 @@ pub fn hangs(_seed: u64) -> Vec<Outcome> {
     let hang = |(substeps, most): (u32, f64)| {
         let mut params = SimulateParams { substeps, substep_motion_m: 0.0, ..only(&HANGING) };
         params.bend.reach = 4;
+        params.bend.compliance_m_per_n = 0.0;
         let mut simulator = simulator(&sheet, &params, None);
         simulator.set_inverse_masses(&corners(&sheet));
         free(&mut simulator, 180, SHORT_S);

@@ -7,6 +7,7 @@ mod output;
 mod points;
 mod register;
 mod set;
+mod stability;
 mod track;
 mod variant;
 mod watch;
@@ -44,6 +45,8 @@ enum Command {
     Watch(watch::WatchArguments),
     /// Track one set in several settings and compare them; the paper's three series by default.
     Compare(compare::CompareArguments),
+    /// Run the hard cases, each against its criterion.
+    Stability(stability::StabilityArguments),
     /// Register two point files by textbook Coherent Point Drift.
     Cpd(cpd::CpdArguments),
     /// Register a sheet to a cloud, once, from files.
@@ -59,6 +62,7 @@ pub fn run(arguments: Arguments) -> anyhow::Result<()> {
         Command::Watch(arguments) => watch::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
         Command::Cpd(arguments) => cpd::run(&arguments),
+        Command::Stability(arguments) => stability::run(&arguments),
         Command::Register(arguments) => register::run(&arguments),
         Command::Creases(arguments) => creases::run(&arguments),
     }

@@ -7,4 +7,5 @@ pub mod judge;
 pub mod picture;
 pub mod pipeline;
 pub mod scores;
+pub mod stability;
 pub mod summary;

@@ -36,9 +36,11 @@ mod params;
 mod pose;
 mod project;
 mod push;
+mod self_contact;
 mod spine;
 mod topology;
 
 pub use generic::{GenericContact, GenericReport, NetReport, UntangleReport};
 pub use params::{ContactConfig, ContactParams};
 pub use project::{ContactReport, FacetContact};
+pub use self_contact::SelfContact;

@@ -7,6 +7,8 @@ use nalgebra::Vector3;
 const OFF_PLANE_M: f64 = 1e-6;
 /// Rounds at most.
 const ROUNDS: u32 = 60;
+/// An end is pulled back by at most this at a time, metres.
+const PULL_MAX_M: f64 = 1e-3;
 /// An end is pulled back by this share more than it has to be.
 const BEYOND: f64 = 0.1;
 
@@ -25,7 +27,6 @@ pub struct UntangleReport {
 struct Piercing {
     /// The end on the shorter side.
     end: u32,
-    triangle: [u32; 3],
     /// Where, barycentric.
     weights: [f64; 3],
     /// Moves the end to the other end's side, metres.
@@ -42,27 +43,25 @@ impl GenericContact {
         self.origin_m = Vector3::from(x_m[0]).cast();
         load(&mut self.to, x_m, &self.origin_m);
         let mut count = 0;
-        self.piercings(|_| count += 1);
+        self.piercings(|_, _, _| count += 1);
         count
     }
 
     /// Pulls edges out of the triangles that they pierce, the shorter end first, until nothing
-    /// crosses: for a start in a tangled pose. It does not know which layer belongs where.
+    /// crosses: for what pokes through a little. It does not know which layer belongs where, so that
+    /// layers that lie in each other stay tangled; the report says so.
     pub fn untangle(&mut self, x_m: &mut [[f32; 3]]) -> UntangleReport {
         let before = self.crossings(x_m) as u32;
         let mut report =
             UntangleReport { crossings_before: before, crossings_after: before, rounds: 0 };
-        let mut found = Vec::new();
+        let mut found: Vec<([u32; 2], [u32; 3])> = Vec::new();
         while report.crossings_after > 0 && report.rounds < ROUNDS {
             found.clear();
-            self.piercings(|piercing| found.push(piercing));
+            self.piercings(|edge, triangle, _| found.push((edge, triangle)));
             report.crossings_after = found.len() as u32;
             report.rounds += 1;
-            for Piercing { end, triangle, weights, back } in &found {
-                let nodes = [*end, triangle[0], triangle[1], triangle[2]];
-                let weights = [1.0, -weights[0], -weights[1], -weights[2]];
-                let push = back * (1.0 + BEYOND);
-                crate::push::weighted_push(&mut self.to, &self.mobility, &nodes, &weights, push);
+            for (edge, triangle) in &found {
+                self.pull_back(*edge, *triangle);
             }
         }
         if report.rounds > 0 {
@@ -72,8 +71,19 @@ impl GenericContact {
         report
     }
 
+    /// Pulls the shorter end of an edge back, if it still pierces the triangle.
+    fn pull_back(&mut self, edge: [u32; 2], triangle: [u32; 3]) {
+        let Some(piercing) = pierce(edge, triangle, &self.to) else { return };
+        let Piercing { end, weights, back } = piercing;
+        let nodes = [end, triangle[0], triangle[1], triangle[2]];
+        let weights = [1.0, -weights[0], -weights[1], -weights[2]];
+        let length = back.norm();
+        let push = back * ((1.0 + BEYOND) * (PULL_MAX_M / length).min(1.0));
+        crate::push::weighted_push(&mut self.to, &self.mobility, &nodes, &weights, push);
+    }
+
     /// All crossings of `to`, in a fixed order.
-    fn piercings(&mut self, mut found: impl FnMut(Piercing)) {
+    fn piercings(&mut self, mut found: impl FnMut([u32; 2], [u32; 3], Piercing)) {
         let Self { mesh, parts, cells, to, .. } = self;
         cells.find(mesh, to, to, 0.0);
         cells.near.sort_unstable();
@@ -82,7 +92,7 @@ impl GenericContact {
                 let (edge, triangle) =
                     (mesh.edges[edge as usize], mesh.triangles[triangle as usize]);
                 if let Some(piercing) = pierce(edge, triangle, to) {
-                    found(piercing);
+                    found(edge, triangle, piercing);
                 }
             });
         }
@@ -110,5 +120,5 @@ fn pierce(edge: [u32; 2], triangle: [u32; 3], x: &[Vector3<f64>]) -> Option<Pier
     }
     let (end, height) = if over.abs() < under.abs() { (edge[0], over) } else { (edge[1], under) };
     let weights = [1.0 - v - w, v, w];
-    Some(Piercing { end, triangle, weights, back: normal * -height })
+    Some(Piercing { end, weights, back: normal * -height })
 }

@@ -6,6 +6,7 @@
 
 mod clock;
 mod feed;
+mod pairing;
 mod params;
 mod sdk;
 

@@ -4,6 +4,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use super::clock::ClockMap;
+use super::pairing::Pairing;
 use super::sdk::{Frame, Opened, Sdk, Wanted};
 use crate::matching::SetMatcher;
 use crate::source::Losses;
@@ -81,10 +82,9 @@ pub(super) struct Feed {
     config: FeedConfig,
     opened: Option<Opened>,
     clock: ClockMap,
-    depth: Option<Frame>,
-    color: Option<Frame>,
-    /// Numbers of the last frames that were taken: the SDK gives some twice.
-    taken: [Option<u64>; 2],
+    pairing: Pairing<Frame>,
+    /// Frames without partner that were told.
+    unmatched: u64,
     heard: Instant,
     backoff: Duration,
 }
@@ -92,14 +92,13 @@ pub(super) struct Feed {
 impl Feed {
     pub fn new(sdk: &Arc<Sdk>, shared: &Arc<Shared>, config: FeedConfig, opened: Opened) -> Self {
         Self {
+            pairing: Pairing::new(opened.period_ns, config.lossless),
+            unmatched: 0,
             sdk: Arc::clone(sdk),
             shared: Arc::clone(shared),
             config,
             opened: Some(opened),
             clock: ClockMap::default(),
-            depth: None,
-            color: None,
-            taken: [None; 2],
             heard: Instant::now(),
             backoff: BACKOFF[0],
         }
@@ -112,48 +111,42 @@ impl Feed {
                 self.reopen();
                 continue;
             };
-            match opened.wait(POLL) {
-                Ok(Some(frames)) => frames.into_iter().for_each(|frame| self.take(frame)),
-                Ok(None) if opened.is_at_end() => {
-                    self.leave();
-                    if !self.config.reopen {
-                        return;
-                    }
+            if let Some(frame) = opened.wait(self.pairing.needs(), POLL) {
+                self.take(frame);
+            } else if opened.is_at_end() {
+                self.leave();
+                if !self.config.reopen {
+                    return;
                 }
-                Ok(None) if self.heard.elapsed() < self.config.stall => {}
-                Ok(None) | Err(_) => self.leave(),
+            } else if self.heard.elapsed() >= self.config.stall {
+                self.leave();
             }
         }
     }
 
-    /// Takes one frame, and gives the pair that it completes.
+    /// Takes one frame, and gives the pairs that are certain then.
     fn take(&mut self, frame: Frame) {
         self.heard = Instant::now();
-        let which = usize::from(frame.is_color());
-        if !frame.is_depth() && !frame.is_color() {
-            return;
-        }
-        if self.taken[which].is_some_and(|last| frame.number <= last) {
-            return;
-        }
-        *(if which == 0 { &mut self.depth } else { &mut self.color }) = Some(frame);
-        let (Some(depth), Some(color)) = (&self.depth, &self.color) else { return };
-        // Frames of one instant are nearer than a period; an older one has lost its partner.
-        let apart_ms = depth.time_ms - color.time_ms;
-        let period_ms = 1e3 / f64::from(self.config.wanted.fps);
-        if self.config.wanted.file.is_none() && apart_ms.abs() > period_ms {
-            *(if apart_ms < 0.0 { &mut self.depth } else { &mut self.color }) = None;
-            self.shared.lock().losses.unmatched += 1;
-            return;
-        }
-        if let (Some(depth), Some(color)) = (self.depth.take(), self.color.take()) {
-            self.taken = [Some(depth.number), Some(color.number)];
+        let stream = match (frame.is_depth(), frame.is_color()) {
+            (true, _) => 0,
+            (_, true) => 1,
+            _ => return,
+        };
+        self.pairing.push(stream, frame.time_ns(), frame);
+        self.give_pairs(false);
+    }
+
+    fn give_pairs(&mut self, ended: bool) {
+        while let Some([(_, depth), (_, color)]) = self.pairing.pop(ended) {
             self.give(Pair { depth, color });
         }
+        let new = self.pairing.unmatched() - self.unmatched;
+        self.unmatched += new;
+        self.shared.lock().losses.unmatched += new;
     }
 
     fn give(&mut self, pair: Pair) {
-        let stamp_ns = (pair.depth.time_ms * 1e6).round() as u64;
+        let stamp_ns = pair.depth.time_ns();
         let time_ns =
             if self.config.lossless { stamp_ns } else { self.clock.map(stamp_ns, monotonic_ns()) };
         let index = self.config.index;
@@ -173,8 +166,10 @@ impl Feed {
 
     /// The camera is gone: closes it, and lets nobody wait for it.
     fn leave(&mut self) {
+        self.give_pairs(true);
+        self.pairing = Pairing::new(self.pairing.period_ns(), self.config.lossless);
+        self.unmatched = 0;
         self.opened = None;
-        (self.depth, self.color, self.taken) = (None, None, [None; 2]);
         let mut state = self.shared.lock();
         state.matcher.set_ended(self.config.index, true);
         let is_end = self.config.wanted.file.is_some() && !self.config.reopen;

@@ -3,7 +3,7 @@
 //! Orime builds and runs where the SDK is not installed. What is called here has kept its form
 //! since SDK 2.50; the library is told the API version that it states itself.
 
-use std::ffi::{CStr, CString, c_char, c_float, c_int, c_uint, c_void};
+use std::ffi::{CStr, c_char, c_float, c_int, c_void};
 use std::path::{Path, PathBuf};
 use std::ptr::null_mut;
 use std::sync::Arc;
@@ -48,6 +48,7 @@ pub enum SdkError {
 
 type Object = *mut c_void;
 type ErrorOut = *mut Object;
+type FrameCallback = unsafe extern "C" fn(Object, *mut c_void);
 
 /// `rs2_intrinsics`.
 #[repr(C)]
@@ -74,7 +75,6 @@ pub(super) struct RawExtrinsics {
 macro_rules! api {
     ($($name:ident($($arg:ty),*) $(-> $result:ty)?;)*) => {
         /// The functions that are used, by their names without `rs2_`.
-        #[expect(non_snake_case, reason = "the names are the SDK's")]
         struct Api { $($name: unsafe extern "C" fn($($arg),*) $(-> $result)?,)* }
 
         impl Api {
@@ -85,7 +85,7 @@ macro_rules! api {
                     let $name = unsafe {
                         *library
                             .get(concat!("rs2_", stringify!($name), "\0").as_bytes())
-                            .map_err(|error| SdkError::Library { message: error.to_string() })?
+                            .map_err(|error| not_loaded(&error))?
                     };
                 )*
                 Ok(Self { $($name,)* })
@@ -107,19 +107,14 @@ api! {
     delete_device_list(Object);
     delete_device(Object);
     get_device_info(Object, c_int, ErrorOut) -> *const c_char;
-    create_pipeline(Object, ErrorOut) -> Object;
-    delete_pipeline(Object);
-    create_config(ErrorOut) -> Object;
-    delete_config(Object);
-    config_enable_device(Object, *const c_char, ErrorOut);
-    config_enable_device_from_file_repeat_option(Object, *const c_char, c_int, ErrorOut);
-    config_enable_stream(Object, c_int, c_int, c_int, c_int, c_int, c_int, ErrorOut);
-    pipeline_start_with_config(Object, Object, ErrorOut) -> Object;
-    pipeline_stop(Object, ErrorOut);
-    pipeline_try_wait_for_frames(Object, *mut Object, c_uint, ErrorOut) -> c_int;
-    pipeline_profile_get_device(Object, ErrorOut) -> Object;
-    pipeline_profile_get_streams(Object, ErrorOut) -> Object;
-    delete_pipeline_profile(Object);
+    context_add_device(Object, *const c_char, ErrorOut) -> Object;
+    context_remove_device(Object, *const c_char, ErrorOut);
+    get_stream_profiles(Object, ErrorOut) -> Object;
+    get_video_stream_resolution(Object, *mut c_int, *mut c_int, ErrorOut);
+    open_multiple(Object, *mut Object, c_int, ErrorOut);
+    start(Object, FrameCallback, *mut c_void, ErrorOut);
+    stop(Object, ErrorOut);
+    close(Object, ErrorOut);
     get_stream_profiles_count(Object, ErrorOut) -> c_int;
     get_stream_profile(Object, c_int, ErrorOut) -> Object;
     delete_stream_profiles_list(Object);
@@ -140,13 +135,10 @@ api! {
     option_to_string(c_int) -> *const c_char;
     playback_device_set_real_time(Object, c_int, ErrorOut);
     playback_device_get_current_status(Object, ErrorOut) -> c_int;
-    embedded_frames_count(Object, ErrorOut) -> c_int;
-    extract_frame(Object, c_int, ErrorOut) -> Object;
     release_frame(Object);
     get_frame_data(Object, ErrorOut) -> *const c_void;
     get_frame_data_size(Object, ErrorOut) -> c_int;
     get_frame_stride_in_bytes(Object, ErrorOut) -> c_int;
-    get_frame_number(Object, ErrorOut) -> u64;
     get_frame_timestamp(Object, ErrorOut) -> f64;
     get_frame_stream_profile(Object, ErrorOut) -> Object;
 }
@@ -187,7 +179,7 @@ impl Drop for Handle {
 /// Calls a function of the SDK whose last argument takes its error.
 macro_rules! call {
     ($sdk:expr, $name:ident($($arg:expr),*)) => {{
-        let mut error: Object = null_mut();
+        let mut error: Object = std::ptr::null_mut();
         // SAFETY: objects are alive as long as their handles, texts as long as the call.
         let result = unsafe { ($sdk.api.$name)($($arg,)* &mut error) };
         $sdk.check(error).map(|()| result)
@@ -196,6 +188,7 @@ macro_rules! call {
 
 mod camera;
 mod frame;
+mod inbox;
 
 pub(super) use camera::{Opened, Wanted};
 pub(super) use frame::Frame;
@@ -206,8 +199,7 @@ impl Sdk {
         let open = |path: &Path, flags| {
             // SAFETY: loading runs the library's initialisers; it is the one that the user named
             // or installed.
-            unsafe { Library::open(Some(path), flags) }
-                .map_err(|error| SdkError::Library { message: error.to_string() })
+            unsafe { Library::open(Some(path), flags) }.map_err(|error| not_loaded(&error))
         };
         let mut libraries = Vec::new();
         for path in preload {
@@ -263,15 +255,17 @@ impl Sdk {
         for k in 0..call!(self, get_device_count(list.object))? {
             let device = call!(self, create_device(list.object, k))?;
             let device = self.handle(device, self.api.delete_device);
-            let info = |which| {
-                call!(self, get_device_info(device.object, which)).map(|text| {
-                    // SAFETY: the text lives as long as the device.
-                    unsafe { CStr::from_ptr(text) }.to_string_lossy().into_owned()
-                })
-            };
-            found.push([info(INFO_NAME)?, info(INFO_SERIAL)?]);
+            found.push([self.info(&device, INFO_NAME)?, self.info(&device, INFO_SERIAL)?]);
         }
         Ok(found)
+    }
+}
+
+impl Sdk {
+    fn info(&self, device: &Handle, which: c_int) -> Result<String, SdkError> {
+        let text = call!(self, get_device_info(device.object, which))?;
+        // SAFETY: the text lives as long as the device.
+        Ok(unsafe { CStr::from_ptr(text) }.to_string_lossy().into_owned())
     }
 }
 
@@ -282,6 +276,13 @@ impl Drop for Sdk {
             unsafe { (self.api.delete_context)(self.context) }
         }
     }
+}
+
+/// The loader's error with its cause, which names the file.
+fn not_loaded(error: &libloading::Error) -> SdkError {
+    let cause = std::error::Error::source(error);
+    let message = cause.map_or(error.to_string(), |cause| format!("{error}: {cause}"));
+    SdkError::Library { message }
 }
 
 /// Numbers of the SDK's enumerations that are used.
@@ -295,8 +296,3 @@ const FORMAT_BGR8: c_int = 6;
 const EXTENSION_DEPTH_SENSOR: c_int = 7;
 const PLAYBACK_STOPPED: c_int = 3;
 const DISTORTION_INVERSE: c_int = 2;
-
-/// A text for the SDK.
-fn c_text(text: &str) -> Result<CString, SdkError> {
-    CString::new(text).map_err(|_| SdkError::NoCamera(format!("`{text}` holds a zero byte")))
-}

@@ -1,19 +1,23 @@
-//! One camera, or one recording played by the SDK: its pipeline and calibration.
+//! One camera, or one recording played by the SDK: its sensors, profiles and calibration.
+//!
+//! Sensors are started one by one, not through the SDK's pipeline: its synchroniser gives frames
+//! twice and loses the first ones of a recording (SDK 2.56).
 
-use std::ffi::{CStr, c_int, c_void};
+use std::collections::BTreeMap;
+use std::ffi::{CStr, CString, c_int, c_void};
 use std::os::unix::ffi::OsStrExt;
 use std::path::PathBuf;
-use std::ptr::null_mut;
 use std::sync::Arc;
 use std::time::Duration;
 
 use orime_geometry::{CameraModel, RgbdCamera};
 use orime_recording::realsense::{Extrinsics, forward_distortion};
 
+use super::inbox::{Inbox, on_frame};
 use super::{
     DISTORTION_INVERSE, EXTENSION_DEPTH_SENSOR, FORMAT_RGB8, FORMAT_Z16, Frame, Handle,
-    PLAYBACK_STOPPED, RawExtrinsics, RawIntrinsics, STREAM_COLOR, STREAM_DEPTH, Sdk, SdkError,
-    c_text,
+    INFO_SERIAL, PLAYBACK_STOPPED, RawExtrinsics, RawIntrinsics, STREAM_COLOR, STREAM_DEPTH, Sdk,
+    SdkError,
 };
 
 type Object = *mut c_void;
@@ -39,112 +43,151 @@ pub(in crate::realsense) struct Wanted {
     pub options: Vec<(String, f64)>,
 }
 
-/// A running pipeline.
+/// A camera that sends.
 pub(in crate::realsense) struct Opened {
     sdk: Arc<Sdk>,
-    pipeline: Handle,
-    profile: Handle,
     device: Handle,
-    is_file: bool,
+    /// Sensors that were opened.
+    sensors: Vec<Handle>,
+    /// The profiles' owners.
+    _profiles: Vec<Handle>,
+    file: Option<CString>,
+    inbox: Arc<Inbox>,
     /// The camera; it is the world.
     pub camera: RgbdCamera,
+    /// Time between two frames of the slower stream, nanoseconds.
+    pub period_ns: u64,
 }
 
 /// Most options that the SDK has.
 const OPTIONS_MAX: c_int = 256;
 
+/// The profile of a stream, and the sensor that has it.
+#[derive(Debug, Clone, Copy)]
+struct Chosen {
+    sensor: usize,
+    profile: Object,
+    fps: c_int,
+}
+
 impl Opened {
-    /// Starts the pipeline.
+    /// Finds the camera and starts its depth and colour stream.
     pub fn start(sdk: &Arc<Sdk>, wanted: &Wanted) -> Result<Self, SdkError> {
-        let pipeline = call!(sdk, create_pipeline(sdk.context))?;
-        let pipeline = sdk.handle(pipeline, sdk.api.delete_pipeline);
-        let config = configure(sdk, wanted)?;
-        let profile = call!(sdk, pipeline_start_with_config(pipeline.object, config.object))
-            .map_err(|error| explain(sdk, wanted, error))?;
-        let profile = sdk.handle(profile, sdk.api.delete_pipeline_profile);
-        let device = call!(sdk, pipeline_profile_get_device(profile.object))?;
-        let device = sdk.handle(device, sdk.api.delete_device);
-        if wanted.file.is_some() {
-            let real_time = c_int::from(wanted.real_time);
-            call!(sdk, playback_device_set_real_time(device.object, real_time))?;
-        }
+        let explain = |error| explain(sdk, wanted, error);
+        let (device, file) = match &wanted.file {
+            Some(file) => {
+                let (device, path) = play(sdk, file, wanted.real_time).map_err(explain)?;
+                (device, Some(path))
+            }
+            None => (plugged_in(sdk, &wanted.serial).map_err(explain)?, None),
+        };
+        let mut sensors = sensors(sdk, &device)?;
         let mut unit_m = None;
-        for sensor in sensors(sdk, &device)? {
+        for sensor in &sensors {
             let is_depth =
                 call!(sdk, is_sensor_extendable_to(sensor.object, EXTENSION_DEPTH_SENSOR))?;
             if is_depth != 0 {
                 unit_m = Some(call!(sdk, get_depth_scale(sensor.object))?);
             }
-            if wanted.file.is_none() {
-                set_options(sdk, &sensor, &wanted.options)?;
+            if file.is_none() {
+                set_options(sdk, sensor, &wanted.options).map_err(explain)?;
             }
         }
-        let camera = calibration(sdk, wanted, &profile, unit_m)?;
-        let (sdk, is_file) = (Arc::clone(sdk), wanted.file.is_some());
-        Ok(Self { sdk, pipeline, profile, device, is_file, camera })
+        let (chosen, profiles) = choose(sdk, wanted, &sensors).map_err(explain)?;
+        let camera = calibration(sdk, wanted, chosen, unit_m)?;
+        let fps = chosen.map(|stream| stream.fps.max(1)).into_iter().min().unwrap_or(1);
+        let used = chosen.map(|stream| stream.sensor);
+        let mut number = 0;
+        sensors.retain(|_| {
+            number += 1;
+            used.contains(&(number - 1))
+        });
+        let mut by_sensor: BTreeMap<usize, Vec<Object>> = BTreeMap::new();
+        for Chosen { sensor, profile, .. } in chosen {
+            by_sensor.entry(sensor).or_default().push(profile);
+        }
+        let mut opened = Self {
+            inbox: Inbox::new(sdk, file.is_some() && !wanted.real_time),
+            sdk: Arc::clone(sdk),
+            device,
+            sensors: Vec::new(),
+            _profiles: profiles,
+            file,
+            camera,
+            period_ns: 1_000_000_000 / fps as u64,
+        };
+        for (sensor, mut profiles) in sensors.into_iter().zip(by_sensor.into_values()) {
+            let count = profiles.len() as c_int;
+            call!(sdk, open_multiple(sensor.object, profiles.as_mut_ptr(), count))
+                .map_err(explain)?;
+            opened.sensors.push(sensor);
+        }
+        let inbox = Arc::as_ptr(&opened.inbox).cast_mut().cast::<c_void>();
+        for sensor in &opened.sensors {
+            call!(sdk, start(sensor.object, on_frame, inbox)).map_err(explain)?;
+        }
+        Ok(opened)
     }
 
-    /// Waits for frames of one instant; `None` if none came.
-    pub fn wait(&self, longest: Duration) -> Result<Option<Vec<Frame>>, SdkError> {
-        let mut set: Object = null_mut();
-        let wait_ms = longest.as_millis() as u32;
-        let came =
-            call!(self.sdk, pipeline_try_wait_for_frames(self.pipeline.object, &mut set, wait_ms))?;
-        if came == 0 || set.is_null() {
-            return Ok(None);
-        }
-        let set = self.sdk.handle(set, self.sdk.api.release_frame);
-        let mut frames = Vec::with_capacity(2);
-        for k in 0..call!(self.sdk, embedded_frames_count(set.object))? {
-            let frame = call!(self.sdk, extract_frame(set.object, k))?;
-            frames.push(Frame::new(self.sdk.handle(frame, self.sdk.api.release_frame))?);
-        }
-        Ok(Some(frames))
+    /// Waits for a frame, of the wanted stream (0 depth, 1 colour) first; `None` if none came.
+    pub fn wait(&self, wanted: Option<usize>, longest: Duration) -> Option<Frame> {
+        self.inbox.take(wanted, longest)
     }
 
     /// Whether a recording has come to its end.
     pub fn is_at_end(&self) -> bool {
         let status = || call!(self.sdk, playback_device_get_current_status(self.device.object));
-        self.is_file && matches!(status(), Ok(PLAYBACK_STOPPED))
+        self.file.is_some() && matches!(status(), Ok(PLAYBACK_STOPPED))
     }
 }
 
 impl Drop for Opened {
     fn drop(&mut self) {
+        self.inbox.close();
         // A camera that is gone cannot be stopped: nothing is left to do about that.
-        let _ = call!(self.sdk, pipeline_stop(self.pipeline.object));
-        let _ = &self.profile;
+        for sensor in &self.sensors {
+            let _ = call!(self.sdk, stop(sensor.object));
+            let _ = call!(self.sdk, close(sensor.object));
+        }
+        if let Some(file) = &self.file {
+            let _ = call!(self.sdk, context_remove_device(self.sdk.context, file.as_ptr()));
+        }
     }
 }
 
-fn configure(sdk: &Arc<Sdk>, wanted: &Wanted) -> Result<Handle, SdkError> {
-    let config = call!(sdk, create_config())?;
-    let config = sdk.handle(config, sdk.api.delete_config);
-    if let Some(file) = &wanted.file {
-        let path = std::ffi::CString::new(file.as_os_str().as_bytes())
-            .map_err(|_| SdkError::NoCamera(format!("`{}` holds a zero byte", file.display())))?;
-        call!(sdk, config_enable_device_from_file_repeat_option(config.object, path.as_ptr(), 0))?;
-        return Ok(config);
+/// Opens a recording as a device.
+fn play(
+    sdk: &Arc<Sdk>,
+    file: &std::path::Path,
+    real_time: bool,
+) -> Result<(Handle, CString), SdkError> {
+    let path = CString::new(file.as_os_str().as_bytes())
+        .map_err(|_| SdkError::NoCamera(format!("`{}` holds a zero byte", file.display())))?;
+    let device = call!(sdk, context_add_device(sdk.context, path.as_ptr()))?;
+    let device = sdk.handle(device, sdk.api.delete_device);
+    call!(sdk, playback_device_set_real_time(device.object, c_int::from(real_time)))?;
+    Ok((device, path))
+}
+
+/// The camera with this serial number, or any.
+fn plugged_in(sdk: &Arc<Sdk>, serial: &str) -> Result<Handle, SdkError> {
+    let list = call!(sdk, query_devices(sdk.context))?;
+    let list = sdk.handle(list, sdk.api.delete_device_list);
+    for k in 0..call!(sdk, get_device_count(list.object))? {
+        let device = call!(sdk, create_device(list.object, k))?;
+        let device = sdk.handle(device, sdk.api.delete_device);
+        if serial.is_empty() || sdk.info(&device, INFO_SERIAL)? == serial {
+            return Ok(device);
+        }
     }
-    if !wanted.serial.is_empty() {
-        let serial = c_text(&wanted.serial)?;
-        call!(sdk, config_enable_device(config.object, serial.as_ptr()))?;
-    }
-    let streams =
-        [(STREAM_DEPTH, wanted.depth_px, FORMAT_Z16), (STREAM_COLOR, wanted.color_px, FORMAT_RGB8)];
-    for (stream, [width, height], format) in streams {
-        let [width, height, fps] = [width, height, wanted.fps].map(|n| n as c_int);
-        call!(sdk, config_enable_stream(config.object, stream, -1, width, height, format, fps))?;
-    }
-    Ok(config)
+    Err(SdkError::NoCamera("no such camera is plugged in".to_owned()))
 }
 
 /// Says what is there, where what was wanted is not.
 fn explain(sdk: &Arc<Sdk>, wanted: &Wanted, error: SdkError) -> SdkError {
     if let Some(file) = &wanted.file {
         return SdkError::NoCamera(format!(
-            "the SDK {} cannot play `{}`: {error}; .bag is of SDK 2.56 and before, .db3 of later \
-             ones",
+            "the SDK {} cannot play `{}`: {error}; is the file there? .db3 needs SDK 2.57 or later",
             sdk.version,
             file.display()
         ));
@@ -198,47 +241,73 @@ fn is_option(key: &str, name: &str) -> bool {
     name.len() == key.len() && name.to_lowercase().replace([' ', '-'], "_") == key
 }
 
+/// The profiles of depth and colour that are wanted; of a recording, those that it has. With
+/// them, the lists that own them.
+fn choose(
+    sdk: &Arc<Sdk>,
+    wanted: &Wanted,
+    sensors: &[Handle],
+) -> Result<([Chosen; 2], Vec<Handle>), SdkError> {
+    let mut lists = Vec::new();
+    let mut chosen = [None; 2];
+    for (sensor, handle) in sensors.iter().enumerate() {
+        let list = call!(sdk, get_stream_profiles(handle.object))?;
+        let list = sdk.handle(list, sdk.api.delete_stream_profiles_list);
+        for k in 0..call!(sdk, get_stream_profiles_count(list.object))? {
+            let profile = call!(sdk, get_stream_profile(list.object, k))?;
+            let [stream, format, _, _, fps] = super::frame::profile_data(sdk, profile)?;
+            let (place, right_format, size) = match stream {
+                STREAM_DEPTH => (0, FORMAT_Z16, wanted.depth_px),
+                STREAM_COLOR => (1, FORMAT_RGB8, wanted.color_px),
+                _ => continue,
+            };
+            let [mut width, mut height] = [0, 0];
+            call!(sdk, get_video_stream_resolution(profile, &mut width, &mut height))?;
+            let fits = format == right_format
+                && [width, height] == size.map(|n| n as c_int)
+                && fps == wanted.fps as c_int;
+            if chosen[place].is_none() && (fits || wanted.file.is_some()) {
+                chosen[place] = Some(Chosen { sensor, profile, fps });
+            }
+        }
+        lists.push(list);
+    }
+    match chosen {
+        [Some(depth), Some(color)] => Ok(([depth, color], lists)),
+        [depth, _] => {
+            let which = if depth.is_none() { "depth" } else { "colour" };
+            Err(SdkError::NoCamera(format!("it has no such {which} stream")))
+        }
+    }
+}
+
 fn calibration(
     sdk: &Arc<Sdk>,
     wanted: &Wanted,
-    profile: &Handle,
+    [depth, color]: [Chosen; 2],
     unit_m: Option<f32>,
 ) -> Result<RgbdCamera, SdkError> {
-    let list = call!(sdk, pipeline_profile_get_streams(profile.object))?;
-    let list = sdk.handle(list, sdk.api.delete_stream_profiles_list);
-    let (mut depth, mut color) = (None, None);
-    for k in 0..call!(sdk, get_stream_profiles_count(list.object))? {
-        let stream = call!(sdk, get_stream_profile(list.object, k))?;
-        let [kind, ..] = super::frame::profile_data(sdk, stream)?;
-        match kind {
-            STREAM_DEPTH => depth = depth.or(Some(stream)),
-            STREAM_COLOR => color = color.or(Some(stream)),
-            _ => {}
-        }
-    }
-    let (Some(depth), Some(color), Some(unit_m)) = (depth, color, unit_m) else {
-        return Err(SdkError::NoCamera(format!(
-            "camera `{}` has no depth and colour stream, or no depth unit",
-            wanted.name
-        )));
+    let Some(unit_m) = unit_m else {
+        let name = &wanted.name;
+        return Err(SdkError::NoCamera(format!("camera `{name}` says no depth unit")));
     };
     let mut extrinsics = RawExtrinsics::default();
-    call!(sdk, get_extrinsics(depth, color, &mut extrinsics))?;
+    call!(sdk, get_extrinsics(depth.profile, color.profile, &mut extrinsics))?;
     let extrinsics =
         Extrinsics { rotation: extrinsics.rotation, translation_m: extrinsics.translation };
     Ok(RgbdCamera {
         name: wanted.name.clone(),
-        color: lens(sdk, color)?,
-        depth: lens(sdk, depth)?,
+        color: lens(sdk, color.profile)?,
+        depth: lens(sdk, depth.profile)?,
         color_from_depth: extrinsics.isometry(),
         world_from_color: Default::default(),
         depth_m_per_unit: f64::from(unit_m),
     })
 }
 
-fn lens(sdk: &Arc<Sdk>, stream: Object) -> Result<CameraModel, SdkError> {
+fn lens(sdk: &Arc<Sdk>, profile: Object) -> Result<CameraModel, SdkError> {
     let mut raw = RawIntrinsics::default();
-    call!(sdk, get_video_stream_intrinsics(stream, &mut raw))?;
+    call!(sdk, get_video_stream_intrinsics(profile, &mut raw))?;
     let lens = CameraModel {
         width: raw.width as u32,
         height: raw.height as u32,

@@ -1,7 +1,6 @@
 //! One frame that the SDK holds.
 
 use std::ffi::{c_int, c_void};
-use std::ptr::null_mut;
 use std::sync::Arc;
 
 use orime_geometry::CameraModel;
@@ -17,10 +16,7 @@ pub(in crate::realsense) struct Frame {
     handle: Handle,
     stream: c_int,
     format: c_int,
-    /// Number that the camera gave it.
-    pub number: u64,
-    /// Time stamp, milliseconds of the frame's clock.
-    pub time_ms: f64,
+    time_ms: f64,
 }
 
 /// Stream, format, index, unique number and rate of a stream profile.
@@ -45,9 +41,13 @@ impl Frame {
         let sdk = &handle.sdk;
         let profile = call!(sdk, get_frame_stream_profile(handle.object))?;
         let [stream, format, ..] = profile_data(sdk, profile)?;
-        let number = call!(sdk, get_frame_number(handle.object))?;
         let time_ms = call!(sdk, get_frame_timestamp(handle.object))?;
-        Ok(Self { stream, format, number, time_ms, handle })
+        Ok(Self { stream, format, time_ms, handle })
+    }
+
+    /// Time stamp of the frame's clock, nanoseconds.
+    pub fn time_ns(&self) -> u64 {
+        (self.time_ms * 1e6).round() as u64
     }
 
     pub fn is_depth(&self) -> bool {

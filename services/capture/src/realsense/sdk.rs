@@ -134,6 +134,8 @@ api! {
     set_option(Object, c_int, c_float, ErrorOut);
     option_to_string(c_int) -> *const c_char;
     playback_device_set_real_time(Object, c_int, ErrorOut);
+    playback_device_pause(Object, ErrorOut);
+    playback_device_resume(Object, ErrorOut);
     playback_device_get_current_status(Object, ErrorOut) -> c_int;
     release_frame(Object);
     get_frame_data(Object, ErrorOut) -> *const c_void;

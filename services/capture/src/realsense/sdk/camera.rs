@@ -122,9 +122,16 @@ impl Opened {
                 .map_err(explain)?;
             opened.sensors.push(sensor);
         }
+        if opened.file.is_some() {
+            // Or the first frames are gone before the second sensor listens.
+            call!(sdk, playback_device_pause(opened.device.object)).map_err(explain)?;
+        }
         let inbox = Arc::as_ptr(&opened.inbox).cast_mut().cast::<c_void>();
         for sensor in &opened.sensors {
             call!(sdk, start(sensor.object, on_frame, inbox)).map_err(explain)?;
+        }
+        if opened.file.is_some() {
+            call!(sdk, playback_device_resume(opened.device.object)).map_err(explain)?;
         }
         Ok(opened)
     }

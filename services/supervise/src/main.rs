@@ -3,6 +3,7 @@
 mod args;
 mod asked;
 mod check;
+mod doubts;
 mod exit;
 mod open;
 mod places;

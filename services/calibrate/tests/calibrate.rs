@@ -165,7 +165,10 @@ fn noise_and_gross_errors_are_survived() {
         assert!((depth.offset_m - bias_m).abs() < 0.5e-3, "{depth:?} is not {bias_m}");
     }
     for pair in left_out(&seen, TargetKind::Rigid).unwrap() {
-        assert!(pair.marker_agreement_mm_median.is_some_and(|mm| mm < 3.0), "{pair:?}");
+        // The true poses agree no better: one marker's pose is as uncertain as that.
+        let [found_mm, true_mm] =
+            [pair.marker_agreement_mm_median, pair.source_agreement_mm_median].map(Option::unwrap);
+        assert!(found_mm < 1.2 * true_mm, "{pair:?}");
     }
 }
 

@@ -28,7 +28,7 @@ fn main() -> ExitCode {
         Command::Ps => runs::ps(cli.json),
         Command::Down { run } => runs::down(run.as_deref(), cli.json),
         Command::Record(args) => record::record(args, cli.json),
-        Command::Calibrate { words } => return orime_calibrate::command::command(words),
+        Command::Calibrate { words } => return orime_calibrate::command::command(words, cli.json),
         Command::Check { set } => check::command(set, cli.json),
     };
     let exit = result.unwrap_or_else(|Failure { exit, message }| {

@@ -68,10 +68,12 @@ pub enum CommandError {
     },
 }
 
-/// Runs the command with the words after `orime calibrate`.
-pub fn command(words: &[OsString]) -> ExitCode {
-    let name = OsString::from("orime calibrate");
-    let arguments = match Arguments::try_parse_from(std::iter::once(&name).chain(words)) {
+/// Runs the command with the words after `orime calibrate`. `orime` itself takes a `--json` that
+/// comes before all others (`has_json`), and leaves its file among the words.
+pub fn command(words: &[OsString], has_json: bool) -> ExitCode {
+    let [name, json] = ["orime calibrate", "--json"].map(OsString::from);
+    let head = std::iter::once(&name).chain(has_json.then_some(&json));
+    let arguments = match Arguments::try_parse_from(head.chain(words)) {
         Ok(arguments) => arguments,
         Err(error) => {
             // Whoever reads only the head of the help has closed the pipe: that is no failure.

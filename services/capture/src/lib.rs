@@ -6,6 +6,7 @@ mod matching;
 mod open;
 mod params;
 mod playback;
+mod realsense;
 mod realsense_file;
 mod recording;
 mod rendered;
@@ -16,6 +17,7 @@ pub use folder::{FolderConfig, FolderParams};
 pub use open::{OpenError, open};
 pub use orime_origami::Gripper;
 pub use params::{CaptureConfig, CaptureParams, SourceConfig, SourceKind};
+pub use realsense::{LiveCameraParams, RealsenseConfig, RealsenseParams, SdkError};
 pub use realsense_file::{Align, RealsenseFileConfig, RealsenseFileParams};
 pub use recording::{RecordingConfig, RecordingParams};
 pub use rendered::{

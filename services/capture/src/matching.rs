@@ -16,8 +16,8 @@ pub(crate) struct SetMatcher<T> {
     /// Opening time of the last set that was given away.
     given_ns: Option<u64>,
     unmatched: u64,
-    /// No more frames will come.
-    ended: bool,
+    /// Cameras from which no more frames come.
+    ended: Vec<bool>,
 }
 
 #[derive(Debug)]
@@ -39,7 +39,7 @@ impl<T> SetMatcher<T> {
             queues: (0..cameras).map(|_| VecDeque::new()).collect(),
             given_ns: None,
             unmatched: 0,
-            ended: false,
+            ended: vec![false; cameras],
         }
     }
 
@@ -52,9 +52,25 @@ impl<T> SetMatcher<T> {
         self.queues[camera].push_back(Waiting { time_ns, item });
     }
 
-    /// Says that no more frames come: sets wait for nobody.
-    pub fn end(&mut self) {
-        self.ended = true;
+    /// Says that no more frames come from a camera (or that they do again): sets do not wait for
+    /// it.
+    pub fn set_ended(&mut self, camera: usize, ended: bool) {
+        self.ended[camera] = ended;
+    }
+
+    /// Whether nothing is left and nothing comes.
+    pub fn is_over(&self) -> bool {
+        self.ended.iter().all(|ended| *ended) && self.queues.iter().all(VecDeque::is_empty)
+    }
+
+    /// Frames of a camera that wait for their set.
+    pub fn waiting(&self, camera: usize) -> usize {
+        self.queues[camera].len()
+    }
+
+    /// Drops the oldest waiting frame of a camera.
+    pub fn drop_oldest(&mut self, camera: usize) {
+        self.queues[camera].pop_front();
     }
 
     /// Frames that were dropped because their set had gone.
@@ -66,9 +82,9 @@ impl<T> SetMatcher<T> {
     pub fn pop(&mut self, now_ns: u64) -> Option<MatchedSet<T>> {
         let heads = self.queues.iter().filter_map(|queue| queue.front().map(|w| w.time_ns));
         let opened_ns = heads.min()?;
-        let waits_for = |queue: &VecDeque<Waiting<T>>| queue.is_empty();
+        let mut cameras = self.queues.iter().zip(&self.ended);
         let is_late = now_ns >= opened_ns.saturating_add(self.patience_ns);
-        if !self.ended && !is_late && self.queues.iter().any(waits_for) {
+        if !is_late && cameras.any(|(queue, ended)| queue.is_empty() && !ended) {
             return None;
         }
         self.given_ns = Some(opened_ns);
@@ -128,12 +144,15 @@ mod tests {
     }
 
     #[test]
-    fn at_the_end_nobody_is_waited_for() {
+    fn a_camera_that_has_ended_is_not_waited_for() {
         let mut matcher = SetMatcher::new(2, 10, 100);
         matcher.push(0, 100, 'a');
         assert!(matcher.pop(100).is_none());
-        matcher.end();
+        matcher.set_ended(1, true);
+        assert!(!matcher.is_over());
         assert_eq!(matcher.pop(100), Some(vec![Some((100, 'a')), None]));
         assert_eq!(matcher.pop(100), None);
+        matcher.set_ended(0, true);
+        assert!(matcher.is_over());
     }
 }

@@ -6,6 +6,7 @@ use orime_geometry::SheetGrid;
 
 use crate::calibrated::CalibratedSource;
 use crate::folder::FolderSource;
+use crate::realsense::RealsenseSource;
 use crate::realsense_file::RealsenseFileSource;
 use crate::recording::RecordingSource;
 use crate::rendered::RenderedSource;
@@ -24,6 +25,9 @@ pub enum OpenError {
     /// The MCAP file cannot be played.
     #[error(transparent)]
     File(#[from] orime_recording::ReadError),
+    /// The RealSense SDK or a camera is not there.
+    #[error(transparent)]
+    Sdk(#[from] crate::SdkError),
     /// A recording of a RealSense camera cannot be played.
     #[error(transparent)]
     Realsense(#[from] orime_recording::RealsenseError),
@@ -52,6 +56,7 @@ pub fn open(config: &CaptureConfig, sheet: &SheetGrid) -> Result<Box<dyn FrameSo
         SourceConfig::Recording(recording) => {
             Box::new(RecordingSource::open(recording, config.repeat)?)
         }
+        SourceConfig::Realsense(realsense) => Box::new(RealsenseSource::open(realsense)?),
         SourceConfig::RealsenseFile(files) => {
             Box::new(RealsenseFileSource::open(files, config.repeat)?)
         }

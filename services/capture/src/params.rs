@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::calibrated::{CalibrationConfig, CalibrationParams};
 use crate::folder::{FolderConfig, FolderParams};
+use crate::realsense::{RealsenseConfig, RealsenseParams};
 use crate::realsense_file::{RealsenseFileConfig, RealsenseFileParams};
 use crate::recording::{RecordingConfig, RecordingParams};
 use crate::rendered::{RenderedConfig, RenderedParams};
@@ -20,6 +21,8 @@ pub enum SourceKind {
     Folder,
     /// An MCAP file that Orime recorded.
     Recording,
+    /// Live RealSense cameras.
+    Realsense,
     /// Recordings of RealSense cameras by the SDK up to 2.56.
     Bag,
     /// Recordings of RealSense cameras by the SDK from 2.57 on.
@@ -30,8 +33,8 @@ pub enum SourceKind {
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CaptureParams {
-    /// `"rendered"` (default), `"folder"`, `"recording"`, `"bag"` or `"db3"`; only that source's
-    /// section is checked.
+    /// `"rendered"` (default), `"folder"`, `"recording"`, `"realsense"`, `"bag"` or `"db3"`;
+    /// only that source's section is checked.
     pub source: SourceKind,
     /// Frame sets per second to be published, 0 to 1000; 0 (default) means as fast as the set
     /// takes them. Exposure times stay the source's own.
@@ -45,6 +48,8 @@ pub struct CaptureParams {
     pub folder: FolderParams,
     /// A recorded MCAP file.
     pub recording: RecordingParams,
+    /// Live RealSense cameras.
+    pub realsense: RealsenseParams,
     /// RealSense recordings of the SDK up to 2.56.
     pub bag: RealsenseFileParams,
     /// RealSense recordings of the SDK from 2.57 on.
@@ -76,6 +81,8 @@ pub enum SourceConfig {
     Folder(FolderConfig),
     /// See [`SourceKind::Recording`].
     Recording(RecordingConfig),
+    /// See [`SourceKind::Realsense`].
+    Realsense(RealsenseConfig),
     /// See [`SourceKind::Bag`] and [`SourceKind::Db3`].
     RealsenseFile(RealsenseFileConfig),
 }
@@ -83,7 +90,18 @@ pub enum SourceConfig {
 impl CaptureParams {
     /// Checks the section; every problem at once.
     pub fn check(&self) -> Result<CaptureConfig, Vec<Problem>> {
-        let Self { source, fps, repeat, rendered, folder, recording, bag, db3, calibration } = self;
+        let Self {
+            source,
+            fps,
+            repeat,
+            rendered,
+            folder,
+            recording,
+            realsense,
+            bag,
+            db3,
+            calibration,
+        } = self;
         let mut checker = Checker::new();
         checker.require(
             0.0 <= *fps && *fps <= 1000.0,
@@ -95,6 +113,7 @@ impl CaptureParams {
             SourceKind::Rendered => ("rendered", rendered.check().map(SourceConfig::Rendered)),
             SourceKind::Folder => ("folder", folder.check().map(SourceConfig::Folder)),
             SourceKind::Recording => ("recording", recording.check().map(SourceConfig::Recording)),
+            SourceKind::Realsense => ("realsense", realsense.check().map(SourceConfig::Realsense)),
             SourceKind::Bag => ("bag", bag.check().map(SourceConfig::RealsenseFile)),
             SourceKind::Db3 => ("db3", db3.check().map(SourceConfig::RealsenseFile)),
         };

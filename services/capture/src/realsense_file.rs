@@ -112,7 +112,7 @@ impl RealsenseFileSource {
             }
             unmatched += recording.unpaired();
         }
-        matcher.end();
+        (0..recordings.len()).for_each(|camera| matcher.set_ended(camera, true));
         let sets: Vec<MatchedSet<u64>> = std::iter::from_fn(|| matcher.pop(0)).collect();
         let opened_ns: Vec<u64> = sets.iter().map(|set| first_ns(set)).collect();
         let span_ns = opened_ns.last().zip(opened_ns.first()).map_or(0, |(l, f)| l - f);

@@ -35,6 +35,8 @@ pub struct Capture {
     drops: Drops,
     /// As last looked at.
     losses: Losses,
+    /// Frames that their sets went without.
+    missing: u64,
     stop: Stop,
 }
 
@@ -56,6 +58,7 @@ impl Capture {
             header: service.header(),
             drops: Drops::default(),
             losses: Losses::default(),
+            missing: 0,
             stop: service.stop().clone(),
             source,
             sheet,
@@ -99,7 +102,7 @@ impl Capture {
     /// Takes what the source lost into the counts, and says when a camera went or came.
     fn count_losses(&mut self) {
         let losses = self.source.losses();
-        self.drops.unmatched = losses.unmatched;
+        self.drops.unmatched = losses.unmatched + self.missing;
         self.drops.superseded = losses.superseded;
         if losses.stalls != self.losses.stalls || losses.returns != self.losses.returns {
             let (stalls, returns) = (losses.stalls, losses.returns);
@@ -173,9 +176,14 @@ impl Capture {
         let Some(sent) = self.frames.send_with(&lineage, (index, &camera), n_cameras, read)? else {
             return Ok(false);
         };
-        if let Some(error) = unreadable {
-            self.drops.rejected += 1;
-            tracing::warn!(step, camera = camera.name, %error, "frame left out");
+        match unreadable {
+            None => {}
+            // A camera that is gone was said to be, once.
+            Some(FrameError::Missing) => self.missing += 1,
+            Some(error) => {
+                self.drops.rejected += 1;
+                tracing::warn!(step, camera = camera.name, %error, "frame left out");
+            }
         }
         let work = Work {
             camera: Some(index as u32),

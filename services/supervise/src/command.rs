@@ -18,7 +18,7 @@ pub fn run(cli: &Cli) -> ExitCode {
         Command::Doctor => doctor::doctor(json),
         Command::Clean { dry_run } => doctor::clean(*dry_run, json),
         Command::Record(args) => record::record(args, json),
-        Command::Calibrate { words } => return orime_calibrate::command::command(words),
+        Command::Calibrate { words } => return orime_calibrate::command::command(words, json),
         Command::Check { set } => check::command(set, json),
     };
     let exit = result.unwrap_or_else(|Failure { exit, message }| {

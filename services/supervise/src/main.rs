@@ -7,6 +7,7 @@ mod clocks;
 mod command;
 mod control;
 mod doctor;
+mod doubts;
 mod events;
 mod exit;
 mod fleet;

@@ -168,7 +168,7 @@ pub fn doubts_of_depth(cameras: &[RgbdCamera], depth_units: &[Vec<u16>]) -> Opti
 }
 
 /// Other poses are believed if this share of pixels agrees, and so many times as many as now.
-const SHARE_MIN: f64 = 0.05;
+const SHARE_MIN: f64 = 0.01;
 const SHARE_RATIO: f64 = 3.0;
 /// Every so many pixels along both sides are looked at.
 const STRIDE_PX: usize = 6;

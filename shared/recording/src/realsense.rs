@@ -8,6 +8,7 @@ mod bag;
 mod bytes;
 mod db3;
 mod extrinsics;
+mod lens;
 mod pair;
 mod pixels;
 
@@ -17,6 +18,7 @@ use std::path::{Path, PathBuf};
 use orime_geometry::{CameraModel, RgbdCamera, RgbdFrameMut};
 
 pub use extrinsics::Extrinsics;
+pub use lens::forward_distortion;
 
 /// Why a recording of a RealSense camera cannot be played, or a frame of it not be read.
 #[derive(Debug, thiserror::Error)]

@@ -187,7 +187,8 @@ mod tests {
     fn paths_are_meant_from_the_set_and_data_has_its_place() {
         let set = parse(
             "pace = \"realtime\"\n[sheet]\ntemplate = \"cloth.obj\"\n\
-             [capture.folder]\nlayout = \"${ORIME_DATA}/desk/layout.toml\"",
+             [capture.folder]\nlayout = \"${ORIME_DATA}/desk/layout.toml\"\n\
+             [capture.bag]\nfiles = [\"a.bag\", \"/b.bag\"]",
         )
         .unwrap();
         assert_eq!(set.pace, Pace::Realtime);
@@ -197,6 +198,9 @@ mod tests {
         let layout = capture["folder"]["layout"].as_str().unwrap();
         assert!(Path::new(layout).is_absolute() && layout.ends_with("/desk/layout.toml"));
         assert!(!layout.contains('$'));
+        let files = capture["bag"]["files"].as_array().unwrap();
+        let files: Vec<_> = files.iter().filter_map(toml::Value::as_str).collect();
+        assert_eq!(files, ["sets/a.bag", "/b.bag"]);
     }
 
     #[test]

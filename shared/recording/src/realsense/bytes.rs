@@ -74,7 +74,7 @@ impl<'a> Bytes<'a> {
 /// A colour or depth lens, from the fields of a CameraInfo behind its header.
 pub(super) fn camera_info(bytes: &mut Bytes<'_>) -> Option<orime_geometry::CameraModel> {
     let (height, width) = (bytes.u32()?, bytes.u32()?);
-    let _model = bytes.text()?;
+    let model = bytes.text()?;
     let n_coefficients = bytes.u32()?;
     let mut distortion = [0.0; 5];
     for k in 0..n_coefficients as usize {
@@ -84,7 +84,10 @@ pub(super) fn camera_info(bytes: &mut Bytes<'_>) -> Option<orime_geometry::Camer
         }
     }
     let [fx_px, _, cx_px, _, fy_px, cy_px, ..] = bytes.f64s::<9>()?;
-    Some(orime_geometry::CameraModel { width, height, fx_px, fy_px, cx_px, cy_px, distortion })
+    let lens =
+        orime_geometry::CameraModel { width, height, fx_px, fy_px, cx_px, cy_px, distortion };
+    let is_inverse = model.eq_ignore_ascii_case("Inverse Brown Conrady");
+    Some(if is_inverse { super::forward_distortion(&lens) } else { lens })
 }
 
 #[cfg(test)]

@@ -78,7 +78,7 @@ fn take(contents: &mut Contents, topic: &str, data: Option<&[u8]>, place: Place)
             let word = |key: &str| words.iter().find(|(k, _)| *k == key).map(|(_, v)| *v);
             let time_ms: f64 = word("timestamp")?.parse().ok()?;
             let frame = stream.frames.last_mut()?;
-            frame.time_ns = (time_ms * 1e6) as u64;
+            frame.time_ns = (time_ms * 1e6).round() as u64;
             frame.number = word("Frame number").and_then(|n| n.parse().ok()).unwrap_or(0);
         }
         // The lens in full precision; `camera_info` has six digits.

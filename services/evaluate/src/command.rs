@@ -2,6 +2,7 @@
 
 mod compare;
 mod cpd;
+mod faults;
 mod output;
 mod set;
 mod track;
@@ -27,6 +28,7 @@ Examples:
   orime-evaluate track deploy/sets/half_fold.toml --json out.json --pictures out/
   orime-evaluate track deploy/sets/square_base.toml --pictures out/ --pictures-at 100,225,345
   orime-evaluate compare deploy/sets/square_base.toml --out out/compare
+  orime-evaluate faults --json faults.json
   orime-evaluate cpd --source model.csv --target cloud.csv --out moved.csv --beta 2 --lambda 2
 
 What each figure means stands beside its name in services/evaluate/src/summary.rs, and how it is
@@ -40,6 +42,8 @@ enum Command {
     Watch(watch::WatchArguments),
     /// Track one set in several settings and compare them; the paper's three series by default.
     Compare(compare::CompareArguments),
+    /// Do to real processes what goes wrong, and check what users must see.
+    Faults(faults::FaultsArguments),
     /// Register two point files by textbook Coherent Point Drift.
     Cpd(cpd::CpdArguments),
 }
@@ -50,6 +54,7 @@ pub fn run(arguments: Arguments) -> anyhow::Result<()> {
         Command::Track(arguments) => track::run(&arguments),
         Command::Watch(arguments) => watch::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
+        Command::Faults(arguments) => faults::run(&arguments),
         Command::Cpd(arguments) => cpd::run(&arguments),
     }
 }

@@ -32,6 +32,8 @@ const DRAIN: Duration = Duration::from_secs(10);
 const FINISH: Duration = Duration::from_secs(120);
 /// Time that the last words of processes that have ended may take.
 const LAST_WORDS: Duration = Duration::from_secs(1);
+/// Time that a record is on its way to the supervisor: nobody is woken for it.
+const RECORDS_WAY: Duration = Duration::from_millis(15);
 /// Why a process ends that is to be restarted.
 const ASKED: &str = "was asked to hand over";
 
@@ -220,8 +222,15 @@ impl Watch {
                 // However a recorder ends, that is no concern of the set's.
                 Some(_) if process.stage == Stage::Record => {}
                 Some(_) if self.progress.ended_in_order(process) => ended += 1,
+                // Its last word may still be on its way.
+                Some(status) if status.success() && process.may_have_said_more() => running += 1,
                 Some(_) => died.push(process.stage),
             }
+        }
+        if !died.is_empty() {
+            // What they published last tells where their successors go on.
+            std::thread::sleep(RECORDS_WAY);
+            self.read();
         }
         for stage in died {
             if let Some(ending) = self.bury(fleet, stage) {
@@ -433,7 +442,7 @@ impl Watch {
 
     fn look_at_cameras(&mut self, fleet: &mut Fleet<'_>) {
         let ends = self.ending_since.iter().any(Option::is_some);
-        if self.entry.pace == Pace::Lockstep || ends || !fleet.runs(Stage::Capture) {
+        if self.entry.pace == Pace::Lockstep || ends || fleet.is_disturbed() {
             return;
         }
         for (camera, is_degraded) in self.progress.cameras_changed(now_ns()) {

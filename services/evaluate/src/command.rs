@@ -5,6 +5,7 @@ mod cpd;
 mod faults;
 mod output;
 mod set;
+mod soak;
 mod track;
 mod variant;
 mod watch;
@@ -29,6 +30,7 @@ Examples:
   orime-evaluate track deploy/sets/square_base.toml --pictures out/ --pictures-at 100,225,345
   orime-evaluate compare deploy/sets/square_base.toml --out out/compare
   orime-evaluate faults --json faults.json
+  orime-evaluate soak --seconds 1200 --kill-every-s 30 --json soak.json
   orime-evaluate cpd --source model.csv --target cloud.csv --out moved.csv --beta 2 --lambda 2
 
 What each figure means stands beside its name in services/evaluate/src/summary.rs, and how it is
@@ -44,6 +46,8 @@ enum Command {
     Compare(compare::CompareArguments),
     /// Do to real processes what goes wrong, and check what users must see.
     Faults(faults::FaultsArguments),
+    /// Kill stages of a running set again and again, and look whether it comes back each time.
+    Soak(soak::SoakArguments),
     /// Register two point files by textbook Coherent Point Drift.
     Cpd(cpd::CpdArguments),
 }
@@ -55,6 +59,7 @@ pub fn run(arguments: Arguments) -> anyhow::Result<()> {
         Command::Watch(arguments) => watch::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
         Command::Faults(arguments) => faults::run(&arguments),
+        Command::Soak(arguments) => soak::run(&arguments),
         Command::Cpd(arguments) => cpd::run(&arguments),
     }
 }

@@ -62,6 +62,8 @@ pub struct Launch<'a> {
     pub cameras: usize,
     /// What the recorder writes, if there is one.
     pub record: Option<&'a Path>,
+    /// Whether what the stages say to each other is recorded too.
+    pub record_stages: bool,
     /// Whether stages log JSON.
     pub log_json: bool,
 }
@@ -92,6 +94,9 @@ impl Launch<'_> {
         }
         if let (Stage::Record, Some(file)) = (stage, self.record) {
             command.arg("--file").arg(file);
+            if self.record_stages {
+                command.arg("--stages");
+            }
         }
         if self.log_json {
             command.env(LOG_VARIABLE, "json");

@@ -72,6 +72,8 @@ pub struct Watch {
     pub recording: Option<Recording>,
     /// How long what may take.
     pub deadlines: Deadlines,
+    /// Whether what the stages say to each other is recorded too.
+    pub record_stages: bool,
     /// Whether stages log JSON.
     pub log_json: bool,
     /// No live line.
@@ -105,8 +107,9 @@ impl Watch {
         }
         let record = self.recording.as_ref().map(|recording| recording.file.clone());
         let (cameras, record) = (set.cameras.len(), record.as_deref());
-        let log_json = self.log_json;
-        let launch = Launch { run, set: &set.file.path, out, cameras, record, log_json };
+        let (log_json, record_stages) = (self.log_json, self.record_stages);
+        let launch =
+            Launch { run, set: &set.file.path, out, cameras, record, record_stages, log_json };
         let mut fleet = Fleet::new(launch, self.deadlines.budget);
         let listeners = [judge.then_some(Stage::Judge), record.map(|_| Stage::Record)];
         let consumers = [Stage::Simulate, Stage::Register, Stage::Segment];

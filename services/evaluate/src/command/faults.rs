@@ -3,7 +3,7 @@
 //! The numbers are those of the fault table in docs/faults.md. Each row starts sets of its own,
 //! with a registry and an output folder of its own.
 
-mod driver;
+pub(crate) mod driver;
 mod rows_data;
 mod rows_memory;
 mod rows_stage;

@@ -259,7 +259,12 @@ impl Set<'_> {
 
     /// The process of a stage.
     pub fn stage_pid(&mut self, stage: &str) -> anyhow::Result<u32> {
-        let entry = self.entry(5)?;
+        self.stage_pid_of(stage, 5)
+    }
+
+    /// … of a set of so many processes.
+    pub fn stage_pid_of(&mut self, stage: &str, stages: usize) -> anyhow::Result<u32> {
+        let entry = self.entry(stages)?;
         let found = entry.stages.iter().find(|(name, _)| name == stage);
         Ok(found.with_context(|| format!("no {stage} in {entry:?}"))?.1)
     }

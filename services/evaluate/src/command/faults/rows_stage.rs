@@ -136,8 +136,9 @@ pub fn slow_subscriber(bench: &Bench) -> anyhow::Result<Seen> {
 
 /// Row 3.
 pub fn killed_mid_loan(bench: &Bench) -> anyhow::Result<Seen> {
-    // Capture renders as fast as it can: it nearly always holds a loan.
-    let mut set = bench.up("set", &bench.rendered("realtime", "fps = 300\nrepeat = true")?, &[])?;
+    // Capture renders most of the time, into a loan; segment works on frames that it holds.
+    let busy = bench.rendered("realtime", "fps = 40\nrepeat = true")?;
+    let mut set = bench.up("set", &busy, &[])?;
     let run: RunId = set.running()?.run_id().context("a run")?;
     let before = shared_memory_of(run)?.len();
     let mut slowest_ms: f64 = 0.0;

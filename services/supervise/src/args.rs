@@ -61,6 +61,8 @@ pub enum Command {
     Logs(Logs),
     /// Report what could keep sets from running, and what dead ones left; changes nothing.
     Doctor,
+    /// Print what the messages look like in memory, as JSON, for programs in other languages.
+    Layouts,
     /// Remove what dead runs of this user left in shared memory, and nothing else.
     Clean {
         /// Only say what would be removed.
@@ -76,6 +78,8 @@ pub enum Command {
         #[arg(trailing_var_arg = true, allow_hyphen_values = true, num_args = 0..)]
         words: Vec<std::ffi::OsString>,
     },
+    /// Play recorded messages into one later stage alone, and compare what it makes of them.
+    Replay(Replay),
     /// Show every problem of a set file.
     Check {
         /// The set file.
@@ -99,6 +103,10 @@ pub struct Up {
     /// incomplete and why. Play it with `source = "recording"` in the `[capture]` of a set.
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
+    /// With --record: write what the stages say to each other too, as it lies in memory, into
+    /// FILE's neighbour `.stages.mcap`; `orime replay` plays it into a later stage alone.
+    #[arg(long, requires = "record")]
+    pub record_stages: bool,
     /// Do not start the judge: no error figures, no pictures.
     #[arg(long)]
     pub no_judge: bool,
@@ -134,6 +142,25 @@ pub struct Logs {
     /// Go on until the run ends, or Ctrl-C.
     #[arg(short, long)]
     pub follow: bool,
+}
+
+/// `orime replay`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Exit status: 0 bit for bit what was recorded, 1 something else, 2 wrong usage, 3 the tape cannot
+be read.")]
+pub struct Replay {
+    /// The tape, `….stages.mcap`, of `orime up --record FILE --record-stages`.
+    pub tape: PathBuf,
+    /// The stage: `register` or `simulate`. (Frames are replayed into segment and all after it by
+    /// a set whose source is the recording.)
+    pub stage: String,
+    /// The set file whose parameters the stage has; the embedded default if left out.
+    #[arg(long)]
+    pub set: Option<PathBuf>,
+    /// Where the stage's log is written.
+    #[arg(long, default_value = "out/replay")]
+    pub out: PathBuf,
 }
 
 /// `orime record`.

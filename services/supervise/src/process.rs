@@ -6,7 +6,7 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::mpsc::Sender;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use orime_messages::{PROTOCOL, Stage};
 use orime_runtime::{
@@ -16,6 +16,9 @@ use orime_runtime::{
 use rustix::process::{Pid, Signal, kill_process_group};
 
 use crate::exit::Failure;
+
+/// Time that the last record of a process may take to be read.
+const LAST_RECORD: Duration = Duration::from_millis(200);
 
 /// A line that a process printed on its standard output.
 #[derive(Debug)]
@@ -43,6 +46,7 @@ pub struct Process {
     pub ended_because: Option<&'static str>,
     child: Child,
     status: Option<ExitStatus>,
+    ended: Option<Instant>,
 }
 
 /// What every process of a run is started with.
@@ -58,6 +62,8 @@ pub struct Launch<'a> {
     pub cameras: usize,
     /// What the recorder writes, if there is one.
     pub record: Option<&'a Path>,
+    /// Whether what the stages say to each other is recorded too.
+    pub record_stages: bool,
     /// Whether stages log JSON.
     pub log_json: bool,
 }
@@ -88,6 +94,9 @@ impl Launch<'_> {
         }
         if let (Stage::Record, Some(file)) = (stage, self.record) {
             command.arg("--file").arg(file);
+            if self.record_stages {
+                command.arg("--stages");
+            }
         }
         if self.log_json {
             command.env(LOG_VARIABLE, "json");
@@ -131,6 +140,7 @@ impl Launch<'_> {
             ended_because: None,
             child,
             status: None,
+            ended: None,
         })
     }
 }
@@ -164,10 +174,17 @@ impl Process {
         self.poll().is_none()
     }
 
+    /// Whether a record of its end may still be on its way.
+    pub fn may_have_said_more(&self) -> bool {
+        let is_fresh = self.ended.is_some_and(|ended| ended.elapsed() < LAST_RECORD);
+        is_fresh && self.ended_because.is_none()
+    }
+
     /// How it ended, if it has.
     pub fn poll(&mut self) -> Option<ExitStatus> {
         if self.status.is_none() {
             self.status = self.child.try_wait().ok().flatten();
+            self.ended = self.status.map(|_| Instant::now());
         }
         self.status
     }

@@ -18,7 +18,7 @@ const FILE_NS: u64 = 2_000_000_000;
 /// Periods without a frame after which a camera counts as degraded.
 const DEGRADED_PERIODS: u64 = 5;
 /// … and the least time, nanoseconds.
-const DEGRADED_MIN_NS: u64 = 200_000_000;
+const DEGRADED_MIN_NS: u64 = 500_000_000;
 
 /// The state of a running set.
 #[derive(Debug)]

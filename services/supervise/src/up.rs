@@ -249,6 +249,7 @@ fn begin(
         notify: Notify::from_environment(),
         frozen: Vec::new(),
         ending_since: [None; 2],
+        record_stages: args.record_stages,
         log_json: args.log_json,
         quiet: json,
     })

@@ -32,6 +32,8 @@ const DRAIN: Duration = Duration::from_secs(10);
 const FINISH: Duration = Duration::from_secs(120);
 /// Time that the last words of processes that have ended may take.
 const LAST_WORDS: Duration = Duration::from_secs(1);
+/// Time that a record is on its way to the supervisor: nobody is woken for it.
+const RECORDS_WAY: Duration = Duration::from_millis(15);
 /// Why a process ends that is to be restarted.
 const ASKED: &str = "was asked to hand over";
 
@@ -70,6 +72,8 @@ pub struct Watch {
     pub recording: Option<Recording>,
     /// How long what may take.
     pub deadlines: Deadlines,
+    /// Whether what the stages say to each other is recorded too.
+    pub record_stages: bool,
     /// Whether stages log JSON.
     pub log_json: bool,
     /// No live line.
@@ -103,8 +107,9 @@ impl Watch {
         }
         let record = self.recording.as_ref().map(|recording| recording.file.clone());
         let (cameras, record) = (set.cameras.len(), record.as_deref());
-        let log_json = self.log_json;
-        let launch = Launch { run, set: &set.file.path, out, cameras, record, log_json };
+        let (log_json, record_stages) = (self.log_json, self.record_stages);
+        let launch =
+            Launch { run, set: &set.file.path, out, cameras, record, record_stages, log_json };
         let mut fleet = Fleet::new(launch, self.deadlines.budget);
         let listeners = [judge.then_some(Stage::Judge), record.map(|_| Stage::Record)];
         let consumers = [Stage::Simulate, Stage::Register, Stage::Segment];
@@ -220,8 +225,15 @@ impl Watch {
                 // However a recorder ends, that is no concern of the set's.
                 Some(_) if process.stage == Stage::Record => {}
                 Some(_) if self.progress.ended_in_order(process) => ended += 1,
+                // Its last word may still be on its way.
+                Some(status) if status.success() && process.may_have_said_more() => running += 1,
                 Some(_) => died.push(process.stage),
             }
+        }
+        if !died.is_empty() {
+            // What they published last tells where their successors go on.
+            std::thread::sleep(RECORDS_WAY);
+            self.read();
         }
         for stage in died {
             if let Some(ending) = self.bury(fleet, stage) {
@@ -433,7 +445,7 @@ impl Watch {
 
     fn look_at_cameras(&mut self, fleet: &mut Fleet<'_>) {
         let ends = self.ending_since.iter().any(Option::is_some);
-        if self.entry.pace == Pace::Lockstep || ends || !fleet.runs(Stage::Capture) {
+        if self.entry.pace == Pace::Lockstep || ends || fleet.is_disturbed() {
             return;
         }
         for (camera, is_degraded) in self.progress.cameras_changed(now_ns()) {

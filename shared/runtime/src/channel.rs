@@ -105,7 +105,7 @@ pub const RECORD: Channel<StageRecord> = Channel {
     publishers_max: 8,
     subscribers_max: 6,
     wakes: false,
-    ..channel("orime/record", newest_wins(512, 4), newest_wins(512, 4))
+    ..channel("orime/record", newest_wins(512, 128), newest_wins(512, 128))
 };
 
 impl<M> Channel<M> {

@@ -1,5 +1,7 @@
 //! The sheet over time: frames of several substeps, folds, grips, prediction.
 
+#[cfg(feature = "gpu")]
+mod graphics;
 mod prediction;
 mod rest;
 
@@ -9,6 +11,8 @@ use crate::grips::{Anchor, Grip};
 use crate::params::{SimulateConfig, SimulateParams};
 use crate::solver::links::facets_of_place;
 use crate::solver::{Hooks, Rates, Solver, Targets};
+#[cfg(feature = "gpu")]
+pub use graphics::Chosen;
 use orime_creases::Folds;
 use orime_geometry::SheetGrid;
 use prediction::Prediction;
@@ -87,6 +91,8 @@ pub struct Simulator {
     /// Usual length of a frame, seconds; 0 before the first.
     period_s: f64,
     prediction: Option<Box<Prediction>>,
+    #[cfg(feature = "gpu")]
+    graphics: Option<Box<graphics::Graphics>>,
     /// Room for contact.
     points: [Vec<[f32; 3]>; 2],
 }
@@ -114,6 +120,8 @@ impl Simulator {
             rest: Rest::default(),
             period_s: 0.0,
             prediction: None,
+            #[cfg(feature = "gpu")]
+            graphics: None,
             points: [(); 2].map(|()| vec![[0.0; 3]; points]),
             params,
             folds,
@@ -154,6 +162,8 @@ impl Simulator {
         }
         self.facets_of_place = facets_of_place(self.solver.layout, folds);
         self.solver.set_folds(&self.folds, true);
+        #[cfg(feature = "gpu")]
+        self.renew_graphics();
         self.rest.wake();
     }
 
@@ -304,13 +314,17 @@ impl Simulator {
         self.set_ratios(rates.dt_s);
         self.solver.yield_creases();
         let Taking { contact, watch } = taking;
+        #[cfg(feature = "gpu")]
+        let elsewhere = self.advance_on_gpu(&rates, report.substeps, watch);
+        #[cfg(not(feature = "gpu"))]
+        let elsewhere = false;
         let mut hooks = Hooks {
             contact: contact.as_deref_mut(),
             watch: watch.as_deref_mut(),
             room: &mut self.points,
             folds: &self.folds,
         };
-        for _ in 0..report.substeps {
+        for _ in 0..if elsewhere { 0 } else { report.substeps } {
             self.solver.substep(&rates, None, &mut hooks);
         }
         let per_s = 1.0 / dt_s as f32;

@@ -3,6 +3,7 @@
 mod args;
 mod asked;
 mod check;
+mod effects;
 mod exit;
 mod open;
 mod places;
@@ -28,6 +29,7 @@ fn main() -> ExitCode {
         Command::Down { run } => runs::down(run.as_deref(), cli.json),
         Command::Record(args) => record::record(args, cli.json),
         Command::Check { set } => check::command(set, cli.json),
+        Command::Effects { scene } => effects::effects(scene, cli.json),
     };
     let exit = result.unwrap_or_else(|Failure { exit, message }| {
         eprintln!("orime: {message}");

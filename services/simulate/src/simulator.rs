@@ -235,6 +235,11 @@ impl Simulator {
         self.solver.bytes(effect)
     }
 
+    /// Whether the scene asks for the graphics processor and for nothing else.
+    pub fn wants_gpu(&self) -> bool {
+        self.params.backend == crate::Backend::Gpu
+    }
+
     fn has(&self, effect: Effect) -> bool {
         self.params.effects.contains(&effect)
     }

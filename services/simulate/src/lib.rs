@@ -28,6 +28,6 @@ pub use params::{
 #[cfg(feature = "gpu")]
 pub use simulator::Chosen;
 pub use simulator::{
-    FRAME_S_MAX, FRAME_S_MIN, FRAME_S_NOMINAL, GRIPS_MAX, Pulls, SimulateReport, Simulator, Taking,
-    frame_s,
+    Batch, FRAME_S_MAX, FRAME_S_MIN, FRAME_S_NOMINAL, GRIPS_MAX, Pulls, SimulateReport, Simulator,
+    Taking, frame_s,
 };

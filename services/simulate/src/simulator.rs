@@ -1,5 +1,6 @@
 //! The sheet over time: frames of several substeps, folds, grips, prediction.
 
+mod batch;
 #[cfg(feature = "gpu")]
 mod graphics;
 mod prediction;
@@ -11,6 +12,7 @@ use crate::grips::{Anchor, Grip};
 use crate::params::{SimulateConfig, SimulateParams};
 use crate::solver::links::facets_of_place;
 use crate::solver::{Hooks, Rates, Solver, Targets};
+pub use batch::Batch;
 #[cfg(feature = "gpu")]
 pub use graphics::Chosen;
 use orime_creases::Folds;
@@ -315,23 +317,36 @@ impl Simulator {
     /// Substeps, and all that is done once a frame.
     fn advance(&mut self, dt_s: f64, taking: &mut Taking<'_>, report: &mut SimulateReport) {
         report.substeps = self.substeps(dt_s);
-        let rates = self.rates(dt_s, report);
-        self.set_ratios(rates.dt_s);
-        self.solver.yield_creases();
+        let rates = self.begin(dt_s, report);
         let Taking { contact, watch } = taking;
         #[cfg(feature = "gpu")]
         let elsewhere = self.advance_on_gpu(&rates, report.substeps, watch);
         #[cfg(not(feature = "gpu"))]
         let elsewhere = false;
-        let mut hooks = Hooks {
-            contact: contact.as_deref_mut(),
-            watch: watch.as_deref_mut(),
-            room: &mut self.points,
-            folds: &self.folds,
-        };
-        for _ in 0..if elsewhere { 0 } else { report.substeps } {
-            self.solver.substep(&rates, None, &mut hooks);
+        if !elsewhere {
+            let mut hooks = Hooks {
+                contact: contact.as_deref_mut(),
+                watch: watch.as_deref_mut(),
+                room: &mut self.points,
+                folds: &self.folds,
+            };
+            for _ in 0..report.substeps {
+                self.solver.substep(&rates, None, &mut hooks);
+            }
         }
+        self.finish(dt_s);
+    }
+
+    /// What is done before a frame's substeps; the report says how many.
+    fn begin(&mut self, dt_s: f64, report: &mut SimulateReport) -> Rates {
+        let rates = self.rates(dt_s, report);
+        self.set_ratios(rates.dt_s);
+        self.solver.yield_creases();
+        rates
+    }
+
+    /// What is done after a frame's substeps.
+    fn finish(&mut self, dt_s: f64) {
         let per_s = 1.0 / dt_s as f32;
         let mut moved_m: f32 = 0.0;
         let [x, y, z] = self.solver.x.each_ref().map(|field| field.rows());

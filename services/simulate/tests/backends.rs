@@ -4,7 +4,7 @@
 
 use orime_creases::{Folds, Line};
 use orime_geometry::SheetGrid;
-use orime_simulate::{Backend, Effect, GpuError, SimulateParams, Simulator};
+use orime_simulate::{Backend, Batch, Effect, GpuError, Pulls, SimulateParams, Simulator};
 use std::time::Instant;
 
 fn sheet() -> SheetGrid {
@@ -78,5 +78,43 @@ fn what_the_graphics_processor_cannot_do_is_refused_before_it_starts() {
         assert!(problems[0].to_string().contains(effect.name()), "{problems:?}");
         params.backend = Backend::Auto;
         assert!(params.check().is_ok());
+    }
+}
+
+#[test]
+fn a_batch_is_its_sheets_one_by_one() {
+    let config = SimulateParams::default().check().unwrap();
+    let sheets = || -> Vec<Simulator> {
+        (0..5).map(|_| Simulator::new(&config, &sheet(), 0.08, None)).collect()
+    };
+    let targets: Vec<Vec<[f32; 3]>> = (0..5).map(|k| folded(0.1 * f64::from(k))).collect();
+    let sure = vec![1.0; sheet().len()];
+    let pulls: Vec<Pulls<'_>> =
+        targets.iter().map(|t| Pulls { targets_m: t, confidence: &sure }).collect();
+    let mut alone = sheets();
+    let (mut here, mut there) = (Batch::new(sheets()), Batch::new(sheets()));
+    let there_is_one = match there.to_gpu() {
+        Ok(adapter) => adapter.is_some(),
+        Err(GpuError::NoAdapter(why)) => {
+            eprintln!("SKIPPED, NOTHING WAS COMPARED: no Vulkan adapter ({why})");
+            false
+        }
+        Err(error) => panic!("{error}"),
+    };
+    for _ in 0..10 {
+        for (sheet, pulls) in alone.iter_mut().zip(&pulls) {
+            sheet.step(1.0 / 30.0, pulls.targets_m, pulls.confidence, false);
+        }
+        here.step(1.0 / 30.0, &pulls);
+        there.step(1.0 / 30.0, &pulls);
+    }
+    for (k, alone) in alone.iter().enumerate() {
+        assert_eq!(here.sheets()[k].positions_m(), alone.positions_m(), "sheet {k}");
+        let found = there.sheets()[k].positions_m().iter().flatten();
+        let apart = found.zip(alone.positions_m().iter().flatten()).map(|(a, b)| (a - b).abs());
+        let apart_m = apart.fold(0.0, f32::max);
+        // All sheets of a batch on the graphics processor get the substeps of the fastest.
+        assert!(apart_m < 2e-3, "sheet {k}: {apart_m} m");
+        assert!(!there_is_one || apart_m > 0.0 || k == 0, "it was not done elsewhere");
     }
 }

@@ -32,42 +32,71 @@ pub struct Chosen {
 }
 
 impl Graphics {
-    fn new(solver: &Solver, path: Path) -> Result<Self, GpuError> {
+    /// Room for that many sheets like this one.
+    pub(super) fn new(solver: &Solver, path: Path, sheets: u32) -> Result<Self, GpuError> {
         let model = Model::new(solver);
         let nodes = (solver.layout.nodes[0] * solver.layout.nodes[1]) as u32;
-        let sheets = Sheets::new(&model, nodes, 1, path)?;
-        Ok(Self { sheets, model, points: [(); 3].map(|()| vec![[0.0; 4]; nodes as usize]) })
+        let points = [(); 3].map(|()| vec![[0.0; 4]; (nodes * sheets) as usize]);
+        let sheets = Sheets::new(&model, nodes, sheets, path)?;
+        Ok(Self { sheets, model, points })
     }
 
-    /// All substeps of a frame.
-    fn advance(
+    /// Whether a sheet has the links and facets that these have.
+    pub(super) fn fits(&self, solver: &Solver) -> bool {
+        self.model == Model::new(solver)
+    }
+
+    /// The adapter's name.
+    pub(super) fn adapter(&self) -> &str {
+        self.sheets.adapter()
+    }
+
+    /// All substeps of a frame, of all sheets.
+    pub(super) fn advance(
         &mut self,
-        solver: &mut Solver,
+        solvers: &mut [&mut Solver],
         rates: &Rates,
         substeps: u32,
     ) -> Result<(), GpuError> {
-        let frame = self.model.frame(solver, rates, substeps);
+        let Some(first) = solvers.first() else { return Ok(()) };
+        let frame = self.model.frame(first, rates, substeps);
+        let nodes = frame.nodes as usize;
         let [x, v, targets] = &mut self.points;
-        fill(solver, &solver.x, solver.weights.as_ref(), 1.0, x);
-        fill(solver, &solver.v, None, 0.0, v);
-        match &solver.targets {
-            Some(pulls) if pulls.count > 0 => {
-                fill(solver, &pulls.at_m, Some(&pulls.ratio), 0.0, targets);
+        for (sheet, solver) in solvers.iter().enumerate() {
+            let at = sheet * nodes..(sheet + 1) * nodes;
+            fill(solver, &solver.x, solver.weights.as_ref(), 1.0, &mut x[at.clone()]);
+            fill(solver, &solver.v, None, 0.0, &mut v[at.clone()]);
+            match &solver.targets {
+                Some(pulls) if pulls.count > 0 => {
+                    fill(solver, &pulls.at_m, Some(&pulls.ratio), 0.0, &mut targets[at]);
+                }
+                _ => targets[at].fill([0.0; 4]),
             }
-            _ => targets.fill([0.0; 4]),
         }
         self.sheets.step(&frame, targets, x, v)?;
-        for (fields, points) in [(&mut solver.x, &*x), (&mut solver.v, &*v)] {
-            for (axis, field) in fields.iter_mut().enumerate() {
-                let rows = field.rows_mut();
-                for (place, point) in solver.layout.places().zip(points) {
-                    rows[place] = point[axis];
+        for (sheet, solver) in solvers.iter_mut().enumerate() {
+            let (layout, at) = (solver.layout, sheet * nodes..(sheet + 1) * nodes);
+            for (fields, points) in [(&mut solver.x, &*x), (&mut solver.v, &*v)] {
+                for (axis, field) in fields.iter_mut().enumerate() {
+                    let rows = field.rows_mut();
+                    for (place, point) in layout.places().zip(&points[at.clone()]) {
+                        rows[place] = point[axis];
+                    }
                 }
             }
+            solver.substeps = solver.substeps.wrapping_add(substeps);
         }
-        solver.substeps = solver.substeps.wrapping_add(substeps);
         Ok(())
     }
+}
+
+/// Whether the graphics processor can do all that is awake.
+pub(super) fn can_do(solver: &Solver, rates: &Rates) -> bool {
+    solver.anchors.is_empty()
+        && solver.hinges.is_empty()
+        && solver.plastic_links.is_empty()
+        && !(solver.has_contact && rates.contact_awake)
+        && solver.damping.is_none_or(|(damp, _)| damp != Damp::Paper)
 }
 
 fn fill(
@@ -100,7 +129,7 @@ impl Simulator {
         }
         let path =
             if self.world.len() as u32 >= APART_NODES { Path::Apart } else { Path::OneWorkgroup };
-        let graphics = match Graphics::new(&self.solver, path) {
+        let graphics = match Graphics::new(&self.solver, path, 1) {
             Ok(graphics) => graphics,
             Err(error) if self.params.backend == Backend::Auto => {
                 chosen.refused = Some(error.to_string());
@@ -108,7 +137,7 @@ impl Simulator {
             }
             Err(error) => return Err(error),
         };
-        let adapter = graphics.sheets.adapter().to_owned();
+        let adapter = graphics.adapter().to_owned();
         if self.params.backend == Backend::Auto {
             let mut trial = self.clone();
             let on_cpu = trial.measured_s(now_s);
@@ -151,15 +180,10 @@ impl Simulator {
     ) -> bool {
         let Some(graphics) = &mut self.graphics else { return false };
         let solver = &mut self.solver;
-        let idle = solver.anchors.is_empty()
-            && solver.hinges.is_empty()
-            && solver.plastic_links.is_empty()
-            && !(solver.has_contact && rates.contact_awake)
-            && solver.damping.is_none_or(|(damp, _)| damp != Damp::Paper);
-        if !idle {
+        if !can_do(solver, rates) {
             return false;
         }
-        let result = graphics.advance(solver, rates, substeps);
+        let result = graphics.advance(&mut [solver], rates, substeps);
         if result.is_err() {
             self.graphics = None;
         } else if let Some(watch) = watch {

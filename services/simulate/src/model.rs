@@ -103,6 +103,11 @@ impl SheetModel {
         report
     }
 
+    /// The simulator, to be set up before the first step.
+    pub fn simulator_mut(&mut self) -> &mut Simulator {
+        &mut self.simulator
+    }
+
     /// Node positions, world frame, metres, index order of the sheet.
     pub fn positions_m(&self) -> &[[f32; 3]] {
         &self.positions_m

@@ -20,6 +20,8 @@ pub struct SimulateParams {
     /// all nodes), a frame gets two or four times as many substeps. 0 never does.
     /// Default 0.00025 metres.
     pub substep_motion_m: f64,
+    /// Where the substeps run. Default `cpu`, whose results repeat bit for bit on any machine.
+    pub backend: Backend,
     /// What acts on the sheet. Default: stretch, shear, bend, damping, air_drag, facets, grippers,
     /// track and self_contact.
     pub effects: Vec<Effect>,
@@ -51,6 +53,20 @@ pub struct SimulateParams {
     pub folds: orime_creases::CreaseParams,
     /// How layers keep apart.
     pub self_contact: ContactParams,
+}
+
+/// Where the substeps run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Backend {
+    /// Here or on the graphics processor, whichever a short measurement at the start finds faster.
+    /// Results differ in rounding between the two.
+    Auto,
+    /// Here.
+    #[default]
+    Cpu,
+    /// On the graphics processor; an error without one.
+    Gpu,
 }
 
 /// `[simulate.stretch]` and `[simulate.shear]`.
@@ -219,6 +235,7 @@ impl Default for SimulateParams {
         Self {
             substeps: 20,
             substep_motion_m: 0.00025,
+            backend: Backend::default(),
             effects: vec![
                 Stretch,
                 Shear,
@@ -309,11 +326,22 @@ impl Default for PredictParams {
 }
 
 impl SimulateParams {
+    /// An effect that this scene names and that the graphics processor cannot do.
+    pub(crate) fn cpu_only(&self) -> Option<Effect> {
+        let paper = self.damping.kind == DampingKind::Paper;
+        self.effects.iter().copied().find(|effect| match effect {
+            Effect::Crease | Effect::SelfContact => true,
+            Effect::Damping => paper,
+            _ => false,
+        })
+    }
+
     /// Checks the section; every problem at once.
     pub fn check(&self) -> Result<SimulateConfig, Vec<Problem>> {
         let Self {
             substeps,
             substep_motion_m,
+            backend,
             effects,
             stretch,
             shear,
@@ -364,6 +392,11 @@ impl SimulateParams {
         within("predict.momentum", predict.momentum, 0.0, 1.0, "");
         within("predict.hold", predict.hold, 0.0, 1.0, "");
         within("predict.substeps", f64::from(predict.substeps), 1.0, 1000.0, "");
+        if let (Backend::Gpu, Some(effect)) = (*backend, self.cpu_only()) {
+            let message =
+                format!("is \"gpu\", but {} runs on the CPU only: take \"auto\"", effect.name());
+            checker.problem("backend", message);
+        }
         if damping.kind == DampingKind::Paper {
             let gamma = damping.time_s * f64::from(*substeps) / FRAME_S_NOMINAL;
             let requirement = "the paper's form diverges where time_s / dt > 1/2 at 30 frames/s; \

@@ -39,8 +39,10 @@ impl Simulate {
         let sheet = service.config("sheet", SheetParams::check)?;
         let rest_m = orime_recording::template::load(&params, &sheet)?;
         let density = params.density_kg_per_m2;
+        let mut model = SheetModel::new(&config, &sheet, density, rest_m.as_deref());
+        choose_backend(model.simulator_mut())?;
         let simulate = Self {
-            model: SheetModel::new(&config, &sheet, density, rest_m.as_deref()),
+            model,
             pace: service.set().pace,
             targets: service.subscribe(&channel::TARGETS)?,
             states: service.publish(&channel::STATE)?,
@@ -146,4 +148,31 @@ impl Simulate {
         self.recorder.published(&sent.header, work, self.targets.drops())?;
         Ok(true)
     }
+}
+
+/// Decides where the substeps run, and says so unless the scene asks for the CPU.
+#[cfg(feature = "gpu")]
+fn choose_backend(simulator: &mut Simulator) -> anyhow::Result<()> {
+    let start = std::time::Instant::now();
+    let chosen = simulator.choose_backend(&mut || start.elapsed().as_secs_f64())?;
+    let [cpu_us, gpu_us] = chosen.frame_s.map(|seconds| seconds * 1e6);
+    match (&chosen.adapter, &chosen.refused) {
+        (Some(adapter), _) => tracing::info!(adapter, cpu_us, gpu_us, "simulates on the GPU"),
+        (None, Some(why)) => tracing::info!(why, "simulates on the CPU"),
+        (None, None) if cpu_us.is_finite() => {
+            tracing::info!(cpu_us, gpu_us, "simulates on the CPU");
+        }
+        (None, None) => {}
+    }
+    Ok(())
+}
+
+/// Without the feature there is only the CPU.
+#[cfg(not(feature = "gpu"))]
+fn choose_backend(simulator: &mut Simulator) -> anyhow::Result<()> {
+    anyhow::ensure!(
+        !simulator.wants_gpu(),
+        "`simulate.backend` is \"gpu\", but this program was built without the feature `gpu`"
+    );
+    Ok(())
 }

@@ -1,5 +1,8 @@
 //! The sheet over time: frames of several substeps, folds, grips, prediction.
 
+mod batch;
+#[cfg(feature = "gpu")]
+mod graphics;
 mod prediction;
 mod rest;
 
@@ -9,6 +12,9 @@ use crate::grips::{Anchor, Grip};
 use crate::params::{SimulateConfig, SimulateParams};
 use crate::solver::links::facets_of_place;
 use crate::solver::{Hooks, Rates, Solver, Targets};
+pub use batch::Batch;
+#[cfg(feature = "gpu")]
+pub use graphics::Chosen;
 use orime_creases::Folds;
 use orime_geometry::SheetGrid;
 use prediction::Prediction;
@@ -87,6 +93,8 @@ pub struct Simulator {
     /// Usual length of a frame, seconds; 0 before the first.
     period_s: f64,
     prediction: Option<Box<Prediction>>,
+    #[cfg(feature = "gpu")]
+    graphics: Option<Box<graphics::Graphics>>,
     /// Room for contact.
     points: [Vec<[f32; 3]>; 2],
 }
@@ -114,6 +122,8 @@ impl Simulator {
             rest: Rest::default(),
             period_s: 0.0,
             prediction: None,
+            #[cfg(feature = "gpu")]
+            graphics: None,
             points: [(); 2].map(|()| vec![[0.0; 3]; points]),
             params,
             folds,
@@ -154,6 +164,8 @@ impl Simulator {
         }
         self.facets_of_place = facets_of_place(self.solver.layout, folds);
         self.solver.set_folds(&self.folds, true);
+        #[cfg(feature = "gpu")]
+        self.renew_graphics();
         self.rest.wake();
     }
 
@@ -247,6 +259,11 @@ impl Simulator {
         self.solver.bytes(effect)
     }
 
+    /// Whether the scene asks for the graphics processor and for nothing else.
+    pub fn wants_gpu(&self) -> bool {
+        self.params.backend == crate::Backend::Gpu
+    }
+
     fn has(&self, effect: Effect) -> bool {
         self.params.effects.contains(&effect)
     }
@@ -322,19 +339,36 @@ impl Simulator {
     /// Substeps, and all that is done once a frame.
     fn advance(&mut self, dt_s: f64, taking: &mut Taking<'_>, report: &mut SimulateReport) {
         report.substeps = self.substeps(dt_s);
+        let rates = self.begin(dt_s, report);
+        let Taking { contact, watch } = taking;
+        #[cfg(feature = "gpu")]
+        let elsewhere = self.advance_on_gpu(&rates, report.substeps, watch);
+        #[cfg(not(feature = "gpu"))]
+        let elsewhere = false;
+        if !elsewhere {
+            let mut hooks = Hooks {
+                contact: contact.as_deref_mut(),
+                watch: watch.as_deref_mut(),
+                room: &mut self.points,
+                folds: &self.folds,
+            };
+            for _ in 0..report.substeps {
+                self.solver.substep(&rates, None, &mut hooks);
+            }
+        }
+        self.finish(dt_s);
+    }
+
+    /// What is done before a frame's substeps; the report says how many.
+    fn begin(&mut self, dt_s: f64, report: &mut SimulateReport) -> Rates {
         let rates = self.rates(dt_s, report);
         self.set_ratios(rates.dt_s);
         self.solver.yield_creases();
-        let Taking { contact, watch } = taking;
-        let mut hooks = Hooks {
-            contact: contact.as_deref_mut(),
-            watch: watch.as_deref_mut(),
-            room: &mut self.points,
-            folds: &self.folds,
-        };
-        for _ in 0..report.substeps {
-            self.solver.substep(&rates, None, &mut hooks);
-        }
+        rates
+    }
+
+    /// What is done after a frame's substeps.
+    fn finish(&mut self, dt_s: f64) {
         let per_s = 1.0 / dt_s as f32;
         let mut moved_m: f32 = 0.0;
         let [x, y, z] = self.solver.x.each_ref().map(|field| field.rows());

@@ -85,6 +85,11 @@ pub enum Command {
         /// The set file.
         set: PathBuf,
     },
+    /// Show what each effect of a simulated scene is made of and what it costs here.
+    Effects {
+        /// A set file; its [sheet] and [simulate] are what counts.
+        scene: PathBuf,
+    },
 }
 
 /// `orime up`.

@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use crate::args::{Cli, Command};
 use crate::exit::Failure;
-use crate::{check, control, doctor, layouts, logs, record, replay, runs, up};
+use crate::{check, control, doctor, effects, layouts, logs, record, replay, runs, up};
 
 /// Runs the command; its failure is said on the standard error.
 pub fn run(cli: &Cli) -> ExitCode {
@@ -21,6 +21,7 @@ pub fn run(cli: &Cli) -> ExitCode {
         Command::Record(args) => record::record(args, json),
         Command::Calibrate { words } => return orime_calibrate::command::command(words, json),
         Command::Replay(args) => replay::replay(args, json),
+        Command::Effects { scene } => effects::effects(scene, json),
         Command::Check { set } => check::command(set, json),
     };
     let exit = result.unwrap_or_else(|Failure { exit, message }| {

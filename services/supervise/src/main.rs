@@ -8,6 +8,7 @@ mod command;
 mod control;
 mod doctor;
 mod doubts;
+mod effects;
 mod events;
 mod exit;
 mod fleet;

@@ -175,3 +175,48 @@ impl Pass for RestOnTable<'_> {
         }
     }
 }
+
+/// Finds the lowest that any of these come, in the solver's frame. The rows' padding counts as
+/// nodes: at worst, something is thought to be lower than it is.
+pub(crate) struct Lowest<'a> {
+    /// Numbers of a field to go through.
+    pub len: usize,
+    /// Heights, metres.
+    pub z: &'a Field,
+    /// Upward velocities, m/s.
+    pub v_z: &'a Field,
+    /// How long they go on, seconds.
+    pub ahead_s: f32,
+    /// Heights of targets, and their confidences, where there are any.
+    pub targets: Option<(&'a Field, &'a Field)>,
+    /// Lowest height, metres.
+    pub lowest_m: &'a mut f32,
+}
+
+impl Pass for Lowest<'_> {
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let len = self.len;
+        let (z, v_z) = (&self.z.rows()[..len], &self.v_z.rows()[..len]);
+        let targets = self.targets.map(|(z, trust)| (&z.rows()[..len], &trust.rows()[..len]));
+        let (zero, mut lowest) = (V::splat(0.0), V::splat(*self.lowest_m));
+        for at in (0..len).step_by(LANES) {
+            // SAFETY: all have `len` numbers, a multiple of the lanes.
+            unsafe {
+                let height = V::load(z.as_ptr().add(at));
+                let fall = V::load(v_z.as_ptr().add(at)).min(zero).mul(V::splat(self.ahead_s));
+                lowest = height.add(fall).min(lowest);
+                if let Some((z, trust)) = targets {
+                    let trusted = V::load(trust.as_ptr().add(at)).above(zero);
+                    // Where there is no target, the node's own height once more.
+                    let way = V::load(z.as_ptr().add(at)).sub(height).keep(trusted);
+                    lowest = height.add(way).min(lowest);
+                }
+            }
+        }
+        let mut each = [0f32; LANES];
+        // SAFETY: the array has sixteen numbers.
+        unsafe { lowest.store(each.as_mut_ptr()) };
+        *self.lowest_m = each.into_iter().fold(f32::INFINITY, f32::min);
+    }
+}

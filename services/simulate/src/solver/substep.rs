@@ -11,7 +11,7 @@ use crate::effect::Effect;
 use orime_creases::Folds;
 
 /// Numbers that all substeps of a frame share.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Rates {
     /// Length of a substep, seconds.
     pub dt_s: f32,

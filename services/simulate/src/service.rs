@@ -5,7 +5,7 @@ use orime_messages::{FoldsMeta, Header, SheetState, Targets};
 use orime_runtime::{
     Pace, Publisher, Received, Recorder, Resume, Service, Subscription, Work, channel, now_ns,
 };
-use orime_simulate::{SheetModel, SimulateParams, frame_s};
+use orime_simulate::{SheetModel, SimulateParams, Simulator, frame_s};
 
 /// Number of a sheet that is followed, as register says it.
 const TRACKING: u32 = 1;

@@ -363,7 +363,7 @@ mod tests {
             let angle = folds.creases()[0].angle_rad.to_degrees().abs();
             assert!((angle - degrees).abs() < 1e-3, "{angle} instead of {degrees}");
         }
-        assert_eq!(folds.order(flap, low), 1); // The flap lies where the lower part's normal points.
+        assert_eq!(folds.order(flap, low), 1); // The flap lies where the other's normal points.
         assert_eq!(folds.order(low, flap), 1); // And the lower part where the flap's points.
     }
 

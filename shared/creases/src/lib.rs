@@ -6,6 +6,7 @@
 
 mod finder;
 mod folds;
+mod frame;
 mod line;
 mod lines;
 mod paper;
@@ -14,7 +15,8 @@ mod params;
 pub mod trial;
 
 pub use finder::CreaseFinder;
-pub use folds::{Crease, FACETS_MAX, Facet, FacetFrame, Folds, ORDER_APART_M};
+pub use folds::{Crease, FACETS_MAX, Facet, Folds, ORDER_APART_M};
+pub use frame::FacetFrame;
 pub use line::Line;
 pub use paper::ClusterFit;
 pub use params::{CreaseConfig, CreaseMode, CreaseParams, Lock, PaperParams};

@@ -8,6 +8,7 @@ pub(crate) struct Normal<const C: usize> {
     yy: f64,
 }
 
+#[expect(clippy::needless_range_loop, reason = "indices are those of the equations")]
 impl<const C: usize> Normal<C> {
     pub fn new() -> Self {
         Self { a: [[0.0; C]; C], b: [[0.0; 3]; C], yy: 0.0 }
@@ -99,6 +100,7 @@ struct Left {
     y: [f64; 3],
 }
 
+#[expect(clippy::needless_range_loop, reason = "indices are those of the equations")]
 impl Plane {
     pub fn new(normal: &Normal<3>) -> Self {
         let (coefficients, rest) = normal.solve(0.0);

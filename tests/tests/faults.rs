@@ -55,10 +55,12 @@ fn ctrl_c_ends_in_order_with_a_summary() {
 }
 
 #[test]
-fn a_killed_stage_ends_the_set_and_is_named() {
+fn a_killed_stage_ends_a_set_without_budget_and_is_named() {
     let scratch = Scratch::new("killed");
     for stage in ["register", "capture", "judge"] {
-        let mut set = RunningSet::start("killed-set", Some(&endless(&scratch)));
+        let no_restart = ["--restarts", "0"];
+        let set = endless(&scratch);
+        let mut set = RunningSet::start_with("killed-set", Some(&set), &no_restart);
         let run = set.wait_until(has_all_stages);
         set.wait_for_pictures();
         signal(stage_pid(&run, stage), Signal::KILL);

@@ -4,7 +4,10 @@ use std::path::PathBuf;
 
 use orime_geometry::SheetGrid;
 
+use crate::calibrated::CalibratedSource;
 use crate::folder::FolderSource;
+use crate::realsense::RealsenseSource;
+use crate::realsense_file::RealsenseFileSource;
 use crate::recording::RecordingSource;
 use crate::rendered::RenderedSource;
 use crate::{CaptureConfig, FrameSource, SourceConfig};
@@ -22,6 +25,15 @@ pub enum OpenError {
     /// The MCAP file cannot be played.
     #[error(transparent)]
     File(#[from] orime_recording::ReadError),
+    /// The RealSense SDK or a camera is not there.
+    #[error(transparent)]
+    Sdk(#[from] crate::SdkError),
+    /// A recording of a RealSense camera cannot be played.
+    #[error(transparent)]
+    Realsense(#[from] orime_recording::RealsenseError),
+    /// The calibration beside the source cannot be used.
+    #[error(transparent)]
+    Calibration(#[from] orime_calibration::CalibrationError),
     /// The MCAP file is damaged, and the set does not say that this is accepted.
     #[error(
         "recording `{path}` is damaged: {loss}; set `recording.damaged = true` to play what is left"
@@ -36,7 +48,7 @@ pub enum OpenError {
 
 /// Opens the source that `config` describes, for a sheet of `sheet`'s size.
 pub fn open(config: &CaptureConfig, sheet: &SheetGrid) -> Result<Box<dyn FrameSource>, OpenError> {
-    Ok(match &config.source {
+    let source: Box<dyn FrameSource> = match &config.source {
         SourceConfig::Rendered(rendered) => {
             Box::new(RenderedSource::open(rendered, config.repeat, sheet)?)
         }
@@ -44,5 +56,10 @@ pub fn open(config: &CaptureConfig, sheet: &SheetGrid) -> Result<Box<dyn FrameSo
         SourceConfig::Recording(recording) => {
             Box::new(RecordingSource::open(recording, config.repeat)?)
         }
-    })
+        SourceConfig::Realsense(realsense) => Box::new(RealsenseSource::open(realsense)?),
+        SourceConfig::RealsenseFile(files) => {
+            Box::new(RealsenseFileSource::open(files, config.repeat)?)
+        }
+    };
+    CalibratedSource::over(source, &config.calibration)
 }

@@ -3,7 +3,10 @@
 use orime_params::{Checker, Problem};
 use serde::{Deserialize, Serialize};
 
+use crate::calibrated::{CalibrationConfig, CalibrationParams};
 use crate::folder::{FolderConfig, FolderParams};
+use crate::realsense::{RealsenseConfig, RealsenseParams};
+use crate::realsense_file::{RealsenseFileConfig, RealsenseFileParams};
 use crate::recording::{RecordingConfig, RecordingParams};
 use crate::rendered::{RenderedConfig, RenderedParams};
 
@@ -18,13 +21,20 @@ pub enum SourceKind {
     Folder,
     /// An MCAP file that Orime recorded.
     Recording,
+    /// Live RealSense cameras.
+    Realsense,
+    /// Recordings of RealSense cameras by the SDK up to 2.56.
+    Bag,
+    /// Recordings of RealSense cameras by the SDK from 2.57 on.
+    Db3,
 }
 
 /// The `[capture]` section of a set.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CaptureParams {
-    /// `"rendered"` (default), `"folder"` or `"recording"`; only that source's section is checked.
+    /// `"rendered"` (default), `"folder"`, `"recording"`, `"realsense"`, `"bag"` or `"db3"`;
+    /// only that source's section is checked.
     pub source: SourceKind,
     /// Frame sets per second to be published, 0 to 1000; 0 (default) means as fast as the set
     /// takes them. Exposure times stay the source's own.
@@ -38,6 +48,14 @@ pub struct CaptureParams {
     pub folder: FolderParams,
     /// A recorded MCAP file.
     pub recording: RecordingParams,
+    /// Live RealSense cameras.
+    pub realsense: RealsenseParams,
+    /// RealSense recordings of the SDK up to 2.56.
+    pub bag: RealsenseFileParams,
+    /// RealSense recordings of the SDK from 2.57 on.
+    pub db3: RealsenseFileParams,
+    /// Calibration of any source, and what `orime calibrate` looks for.
+    pub calibration: CalibrationParams,
 }
 
 /// A checked `[capture]` section.
@@ -49,6 +67,8 @@ pub struct CaptureConfig {
     pub repeat: bool,
     /// The source.
     pub source: SourceConfig,
+    /// What is known of its cameras beside it.
+    pub calibration: CalibrationConfig,
 }
 
 /// A checked source.
@@ -61,12 +81,27 @@ pub enum SourceConfig {
     Folder(FolderConfig),
     /// See [`SourceKind::Recording`].
     Recording(RecordingConfig),
+    /// See [`SourceKind::Realsense`].
+    Realsense(RealsenseConfig),
+    /// See [`SourceKind::Bag`] and [`SourceKind::Db3`].
+    RealsenseFile(RealsenseFileConfig),
 }
 
 impl CaptureParams {
     /// Checks the section; every problem at once.
     pub fn check(&self) -> Result<CaptureConfig, Vec<Problem>> {
-        let Self { source, fps, repeat, rendered, folder, recording } = self;
+        let Self {
+            source,
+            fps,
+            repeat,
+            rendered,
+            folder,
+            recording,
+            realsense,
+            bag,
+            db3,
+            calibration,
+        } = self;
         let mut checker = Checker::new();
         checker.require(
             0.0 <= *fps && *fps <= 1000.0,
@@ -78,15 +113,21 @@ impl CaptureParams {
             SourceKind::Rendered => ("rendered", rendered.check().map(SourceConfig::Rendered)),
             SourceKind::Folder => ("folder", folder.check().map(SourceConfig::Folder)),
             SourceKind::Recording => ("recording", recording.check().map(SourceConfig::Recording)),
+            SourceKind::Realsense => ("realsense", realsense.check().map(SourceConfig::Realsense)),
+            SourceKind::Bag => ("bag", bag.check().map(SourceConfig::RealsenseFile)),
+            SourceKind::Db3 => ("db3", db3.check().map(SourceConfig::RealsenseFile)),
         };
         let source = source.map_err(|problems| checker.nested(key, problems)).ok();
-        match source {
-            Some(source) => checker.finish(|| CaptureConfig {
+        let calibration =
+            calibration.check().map_err(|problems| checker.nested("calibration", problems)).ok();
+        match (source, calibration) {
+            (Some(source), Some(calibration)) => checker.finish(|| CaptureConfig {
                 period_s: (*fps > 0.0).then(|| 1.0 / fps),
                 repeat: *repeat,
                 source,
+                calibration,
             }),
-            None => Err(checker.finish(|| ()).err().unwrap_or_default()),
+            _ => Err(checker.finish(|| ()).err().unwrap_or_default()),
         }
     }
 }

@@ -3,7 +3,9 @@
 
 use std::time::Duration;
 
-use orime_capture::{CaptureParams, FrameError, FrameReport, FrameSource, Gripper};
+use orime_capture::{
+    Advance, CaptureParams, FrameError, FrameReport, FrameSource, Gripper, Losses,
+};
 use orime_geometry::{RgbdFrameMut, SheetGrid, SheetParams};
 use orime_messages::{
     Drops, FrameExtent, FrameStatus, GRIPPERS_MAX, GripperMeta, Grippers, Header, Truth,
@@ -20,6 +22,8 @@ pub struct Capture {
     source: Box<dyn FrameSource>,
     sheet: SheetGrid,
     period_ns: u64,
+    /// The first frame set to publish: a restarted capture goes on with the one that is missing.
+    first_step: u64,
     frames: FramePublisher,
     truths: Publisher<Truth>,
     /// Absent where the source tells no grippers: the channel is a robot's then.
@@ -29,6 +33,10 @@ pub struct Capture {
     recorder: Recorder,
     header: Header,
     drops: Drops,
+    /// As last looked at.
+    losses: Losses,
+    /// Frames that their sets went without.
+    missing: u64,
     stop: Stop,
 }
 
@@ -46,8 +54,11 @@ impl Capture {
             truths: service.publish(&channel::TRUTH)?,
             recorder: service.recorder()?,
             period_ns: config.period_s.map_or(0, |period_s| (period_s * 1e9) as u64),
+            first_step: service.resume().map_or(0, |resume| resume.next_set),
             header: service.header(),
             drops: Drops::default(),
+            losses: Losses::default(),
+            missing: 0,
             stop: service.stop().clone(),
             source,
             sheet,
@@ -58,15 +69,24 @@ impl Capture {
 
     /// Publishes until the source ends or somebody asks to stop; then the end of the stream.
     pub fn run(mut self) -> anyhow::Result<()> {
-        let steps = self.source.steps().unwrap_or(u64::MAX);
-        let begin_ns = now_ns();
-        let mut step = 0;
-        while step < steps && !self.stop.requested() {
+        let mut step = self.first_step;
+        let begin_ns = now_ns().saturating_sub(step * self.period_ns);
+        while !self.stop.requested() {
             self.wait_until(begin_ns + step * self.period_ns);
+            match self.source.advance(step) {
+                Advance::Waiting => continue,
+                Advance::Ended => break,
+                Advance::Ready => {}
+            }
+            self.count_losses();
             if self.stop.requested() || !self.publish_set(step)? {
                 break;
             }
             step += 1;
+        }
+        self.count_losses();
+        if self.stop.is_handover() {
+            return Ok(());
         }
         let last = Header { step, ..self.header };
         self.truths.send_end(&last)?;
@@ -77,6 +97,18 @@ impl Capture {
         self.recorder.ended(&last, self.drops)?;
         tracing::info!(steps = step, unreadable = self.drops.rejected, "end of capture");
         Ok(())
+    }
+
+    /// Takes what the source lost into the counts, and says when a camera went or came.
+    fn count_losses(&mut self) {
+        let losses = self.source.losses();
+        self.drops.unmatched = losses.unmatched + self.missing;
+        self.drops.superseded = losses.superseded;
+        if losses.stalls != self.losses.stalls || losses.returns != self.losses.returns {
+            let (stalls, returns) = (losses.stalls, losses.returns);
+            tracing::warn!(stalls, returns, "a camera stopped or came back");
+        }
+        self.losses = losses;
     }
 
     fn wait_until(&self, due_ns: u64) {
@@ -144,9 +176,14 @@ impl Capture {
         let Some(sent) = self.frames.send_with(&lineage, (index, &camera), n_cameras, read)? else {
             return Ok(false);
         };
-        if let Some(error) = unreadable {
-            self.drops.rejected += 1;
-            tracing::warn!(step, camera = camera.name, %error, "frame left out");
+        match unreadable {
+            None => {}
+            // A camera that is gone was said to be, once.
+            Some(FrameError::Missing) => self.missing += 1,
+            Some(error) => {
+                self.drops.rejected += 1;
+                tracing::warn!(step, camera = camera.name, %error, "frame left out");
+            }
         }
         let work = Work {
             camera: Some(index as u32),

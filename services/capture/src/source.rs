@@ -17,6 +17,33 @@ pub enum FrameError {
     /// The file, its decoding or its size is at fault.
     #[error("{0}")]
     Unreadable(String),
+    /// The camera has no frame of this set's time.
+    #[error("the camera has no frame of this set's time")]
+    Missing,
+}
+
+/// Whether a frame set is there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Advance {
+    /// It can be read.
+    Ready,
+    /// Not yet: ask again. Live cameras that stall keep saying so.
+    Waiting,
+    /// There will be no more.
+    Ended,
+}
+
+/// What a source lost, since it was opened.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Losses {
+    /// Frames that found no partners of their time.
+    pub unmatched: u64,
+    /// Frames that newer ones pushed out before anyone took them.
+    pub superseded: u64,
+    /// How often a camera stopped sending.
+    pub stalls: u64,
+    /// How often one came back.
+    pub returns: u64,
 }
 
 /// A source of RGB-D frames: rendered, recorded or live.
@@ -26,6 +53,20 @@ pub trait FrameSource: Send {
 
     /// Number of frame sets, or `None` for an endless source.
     fn steps(&self) -> Option<u64>;
+
+    /// Makes frame set `step` the one to be read, waiting for it a moment at most. Steps come in
+    /// order. Default: all frames are there from the beginning.
+    fn advance(&mut self, step: u64) -> Advance {
+        match self.steps() {
+            Some(steps) if step >= steps => Advance::Ended,
+            _ => Advance::Ready,
+        }
+    }
+
+    /// What was lost so far. Default: nothing ever is.
+    fn losses(&self) -> Losses {
+        Losses::default()
+    }
 
     /// Exposure time of `camera` at `step` in the source's own clock, nanoseconds.
     ///

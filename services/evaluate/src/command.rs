@@ -2,11 +2,14 @@
 
 mod compare;
 mod cpd;
+mod creases;
+mod faults;
 mod output;
 mod points;
 mod register;
 mod set;
 mod stability;
+mod soak;
 mod track;
 mod variant;
 mod watch;
@@ -30,6 +33,9 @@ Examples:
   orime-evaluate track deploy/sets/half_fold.toml --json out.json --pictures out/
   orime-evaluate track deploy/sets/square_base.toml --pictures out/ --pictures-at 100,225,345
   orime-evaluate compare deploy/sets/square_base.toml --out out/compare
+  orime-evaluate creases --seeds 5 --json creases.json
+  orime-evaluate faults --json faults.json
+  orime-evaluate soak --seconds 1200 --kill-every-s 30 --json soak.json
   orime-evaluate cpd --source model.csv --target cloud.csv --out moved.csv --beta 2 --lambda 2
 
 What each figure means stands beside its name in services/evaluate/src/summary.rs, and how it is
@@ -45,10 +51,16 @@ enum Command {
     Compare(compare::CompareArguments),
     /// Run the hard cases, each against its criterion.
     Stability(stability::StabilityArguments),
+    /// Do to real processes what goes wrong, and check what users must see.
+    Faults(faults::FaultsArguments),
+    /// Kill stages of a running set again and again, and look whether it comes back each time.
+    Soak(soak::SoakArguments),
     /// Register two point files by textbook Coherent Point Drift.
     Cpd(cpd::CpdArguments),
     /// Register a sheet to a cloud, once, from files.
     Register(register::RegisterArguments),
+    /// Find creases in exact folds with noise, by both methods, against their goals.
+    Creases(creases::CreasesArguments),
 }
 
 /// Runs one command.
@@ -57,9 +69,12 @@ pub fn run(arguments: Arguments) -> anyhow::Result<()> {
         Command::Track(arguments) => track::run(&arguments),
         Command::Watch(arguments) => watch::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
+        Command::Faults(arguments) => faults::run(&arguments),
+        Command::Soak(arguments) => soak::run(&arguments),
         Command::Cpd(arguments) => cpd::run(&arguments),
         Command::Stability(arguments) => stability::run(&arguments),
         Command::Register(arguments) => register::run(&arguments),
+        Command::Creases(arguments) => creases::run(&arguments),
     }
 }
 

@@ -1,12 +1,13 @@
 //! The four stages in one process, in lockstep: what the service set computes, without processes.
 
 use orime_capture::FrameSource;
+use orime_creases::Folds;
 use orime_geometry::{
     Edgel, Feature, ObservedPoint, RgbdCamera, RgbdFrame, RgbdFrameMut, SheetGrid,
 };
 use orime_register::{Observation, RegisterConfig, RegisterReport, Registrar, Tracking};
 use orime_segment::{ObservedMut, SegmentConfig, SegmentReport, Segmenter};
-use orime_simulate::{SimulateConfig, Simulator};
+use orime_simulate::{ModelReport, SheetModel, SimulateConfig};
 use std::time::Instant;
 
 use crate::summary::StageMs;
@@ -46,8 +47,8 @@ pub struct Pipeline {
     frames: Vec<FrameBuffer>,
     segmenter: Segmenter,
     registrar: Registrar,
-    simulator: Simulator,
-    finder: orime_creases::CreaseFinder,
+    model: SheetModel,
+    model_report: ModelReport,
     sheet: SheetGrid,
     points: Vec<ObservedPoint>,
     edgels: Vec<Edgel>,
@@ -55,8 +56,6 @@ pub struct Pipeline {
     report: SegmentReport,
     targets_m: Vec<[f32; 3]>,
     confidence: Vec<f32>,
-    /// Where the nodes are expected in the next step, metres.
-    predicted_m: Vec<[f32; 3]>,
     truth_m: Vec<[f32; 3]>,
     has_truth: bool,
     has_pose: bool,
@@ -103,18 +102,14 @@ impl Pipeline {
             frames: cameras.iter().map(frame).collect(),
             segmenter: Segmenter::new(&config.segment, &cameras, &sheet),
             registrar: Registrar::new(&config.register, &sheet, config.template_m.clone()),
-            simulator: Simulator::new(&config.simulate, &sheet, config.density_kg_per_m2, template),
-            finder: orime_creases::CreaseFinder::new(
-                &orime_creases::CreaseParams::default().check().unwrap(),
-                &sheet,
-            ),
+            model: SheetModel::new(&config.simulate, &sheet, config.density_kg_per_m2, template),
+            model_report: ModelReport::default(),
             points: vec![none; points],
             edgels: vec![no_edgel; edgels],
             features: vec![no_feature; FEATURES_MAX],
             report: SegmentReport::default(),
             targets_m: vec![[0.0; 3]; sheet.len()],
             confidence: vec![0.0; sheet.len()],
-            predicted_m: Vec::with_capacity(sheet.len()),
             truth_m: vec![[0.0; 3]; sheet.len()],
             has_truth: false,
             has_pose: false,
@@ -175,13 +170,13 @@ impl Pipeline {
     }
 
     fn register(&mut self) -> RegisterReport {
-        let predicted = self.has_pose.then_some(self.predicted_m.as_slice());
+        let predicted = self.has_pose.then(|| self.model.predicted_m());
         let observed = Observation {
             cloud: &self.points[..self.report.points],
             edgels: &self.edgels[..self.report.edgels],
             features: &self.features[..self.report.features],
             cameras: &self.cameras,
-            folds: Some(self.simulator.folds()),
+            folds: Some(self.model.folds()),
         };
         self.registrar.register(&observed, predicted, &mut self.targets_m, &mut self.confidence)
     }
@@ -192,62 +187,29 @@ impl Pipeline {
         self.exposure_before_ns = Some(exposure_ns);
         self.has_pose |= register.reset;
         if self.has_pose {
-            if std::env::var("ORIME_PLAN").is_ok() {
-                oracle(&mut self.simulator, step);
-            } else if std::env::var("ORIME_NOFOLD").is_err() {
-                if register.reset {
-                    self.finder.reset();
-                }
-                if self.finder.step(&self.targets_m, &self.confidence)
-                    && std::env::var("ORIME_DBG").is_ok()
-                {
-                    eprintln!("step {step}: {} facets", self.finder.folds().facets().len());
-                    for c in self.finder.folds().creases() {
-                        eprintln!(
-                            "   {:?} {:.1} {:.1}  {:.1} {:.1}",
-                            c.facets,
-                            c.ends_m[0][0] * 1e3,
-                            c.ends_m[0][1] * 1e3,
-                            c.ends_m[1][0] * 1e3,
-                            c.ends_m[1][1] * 1e3
-                        );
-                    }
-                }
-                if std::env::var("ORIME_DBG").is_ok() && step % 4 == 0 {
-                    let folds = self.finder.folds();
-                    for f in 0..folds.facets().len() {
-                        let m = folds.members(f);
-                        let c: f32 = m.iter().map(|n| self.confidence[*n as usize]).sum::<f32>()
-                            / m.len() as f32;
-                        let near: Vec<u32> = m
-                            .iter()
-                            .copied()
-                            .filter(|n| self.confidence[*n as usize] > 0.3)
-                            .collect();
-                        eprintln!(
-                            "dbg {step} facet {f} conf {c:.2} residual {:.2} seen {:.2} state {:.2}",
-                            1e3 * folds.frame(f, &self.targets_m).residual_m,
-                            1e3 * orime_creases::FacetFrame::fit(
-                                &self.sheet,
-                                &near,
-                                &self.targets_m
-                            )
-                            .residual_m,
-                            1e3 * folds.frame(f, self.simulator.positions_m()).residual_m
-                        );
-                    }
-                }
-                self.simulator.set_folds(self.finder.folds());
-            }
-            self.simulator.step(dt_s, &self.targets_m, &self.confidence, register.reset);
-            self.predicted_m.clear();
-            self.predicted_m.extend_from_slice(self.simulator.predict(dt_s));
+            let (targets_m, confidence) = (&self.targets_m, &self.confidence);
+            self.model_report = self.model.step(dt_s, targets_m, confidence, register.reset);
         }
     }
 
     /// The sheet's nodes; empty before the first pose.
     pub fn nodes_m(&self) -> &[[f32; 3]] {
-        if self.has_pose { self.simulator.positions_m() } else { &[] }
+        if self.has_pose { self.model.positions_m() } else { &[] }
+    }
+
+    /// Facets, creases and layer order as the tracker has them.
+    pub fn folds(&self) -> &Folds {
+        self.model.folds()
+    }
+
+    /// The facet or, in the paper's mode, the cluster of every node.
+    pub fn clusters(&self) -> &[u8] {
+        self.model.clusters()
+    }
+
+    /// What the simulation of the last step did.
+    pub fn model_report(&self) -> &ModelReport {
+        &self.model_report
     }
 
     /// The observed cloud of the last step.
@@ -286,28 +248,4 @@ fn timed<T>(ms: &mut f64, work: impl FnOnce() -> T) -> T {
     let result = work();
     *ms = start.elapsed().as_secs_f64() * 1e3;
     result
-}
-
-fn oracle(simulator: &mut Simulator, step: u64) {
-    use orime_creases::Line;
-    let Ok(plan) = std::env::var("ORIME_PLAN") else { return };
-    let l = 0.15;
-    let (a, b) = (Line::through([0.0, 0.0], [l, l]), Line::through([l, 0.0], [0.0, l]));
-    let (c, d) =
-        (Line::through([l / 2.0, 0.0], [l / 2.0, l]), Line::through([0.0, l / 2.0], [l, l / 2.0]));
-    let lines = if plan == "0" { [a, b, c, d] } else { [b, a, d, c] };
-    let h = [[0.0, 0.0], [l, l], [0.0, l], [l, 0.0], [l / 2.0, l / 2.0]];
-    let _ = h;
-    let mut folds = simulator.folds().clone();
-    for (k, (line, at)) in lines.iter().zip([10, 115, 203, 203]).enumerate() {
-        if step == at {
-            // M, M' lie on the half with A; N, N' later.
-            let n = folds.facets().len();
-            for f in 0..n {
-                let _ = k;
-                folds.split(f, line);
-            }
-        }
-    }
-    simulator.set_folds(&folds);
 }

@@ -6,12 +6,14 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, bail};
 use orime_messages::{Drops, RecordKind, Stage};
 use orime_probe::{Figures, Report};
-use orime_runtime::{Guest, RunEntry, Stop, now_ns, registered};
+use orime_runtime::{Guest, RunEntry, Stop, foreign_owner, now_ns, registered};
 use serde::Serialize;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
 use crate::args::{Cli, Command};
 use crate::bench::{self, Bench};
+use crate::budget::Budget;
+use crate::sinks::Sinks;
 use crate::view;
 
 /// Time between two looks at the records.
@@ -36,10 +38,17 @@ struct Once {
     bench: Option<Bench>,
 }
 
+/// Why the probe ends with a status of its own.
+#[derive(Debug, thiserror::Error)]
+#[error("over the budget:\n{0}")]
+pub struct OverBudget(String);
+
 /// Runs the command.
 pub fn run(cli: &Cli) -> anyhow::Result<()> {
     match &cli.command {
-        Some(Command::Receive { run, frame_bytes }) => return bench::receive(run, *frame_bytes),
+        Some(Command::Receive { run, frame_bytes, socket }) => {
+            return bench::receive(run, *frame_bytes, socket);
+        }
         Some(Command::Bench { frame_bytes, frames }) => {
             let bench = bench::run(*frame_bytes, *frames)?;
             if cli.json {
@@ -56,9 +65,20 @@ pub fn run(cli: &Cli) -> anyhow::Result<()> {
     for signal in [SIGINT, SIGTERM] {
         signal_hook::flag::register(signal, stop.flag())?;
     }
+    let budget = cli.budget.as_deref().map(Budget::load).transpose()?;
+    entry.agrees("orime-probe")?;
     let guest = Guest::attach(run, entry.pace, false, stop.clone())?;
-    let mut watched = Watched { guest, figures: Figures::new(), since: Instant::now(), entry };
-    if cli.once { once(cli, &mut watched, &stop) } else { live(&mut watched, &stop) }
+    let sinks = Sinks::open(cli, &entry.run)?;
+    let (figures, since) = (Figures::new(), Instant::now());
+    let mut watched = Watched { guest, figures, since, entry, sinks };
+    match cli.once {
+        true => once(cli, &mut watched, &stop)?,
+        false => live(&mut watched, &stop)?,
+    }
+    let Watched { figures, sinks, .. } = watched;
+    sinks.finish(&figures)?;
+    let over = budget.map(|budget| budget.exceeded(&figures.report(now_ns()))).unwrap_or_default();
+    if over.is_empty() { Ok(()) } else { Err(OverBudget(over.join("\n")).into()) }
 }
 
 /// The run that is meant.
@@ -67,6 +87,9 @@ fn find(run: Option<&str>) -> anyhow::Result<RunEntry> {
     living.retain(|entry| entry.is_alive() && run.is_none_or(|run| entry.run == run));
     match (living.len(), run) {
         (1, _) => Ok(living.remove(0)),
+        (0, Some(run)) if let Some(owner) = run.parse().ok().and_then(foreign_owner) => {
+            bail!("run {run} belongs to user {owner}: only they can attach to it")
+        }
         (0, Some(run)) => bail!("run {run} is not there: `orime ps` shows what runs"),
         (0, None) => bail!("no set runs: start one with `orime up` or `deploy/up`"),
         _ => {
@@ -81,6 +104,7 @@ struct Watched {
     figures: Figures,
     since: Instant,
     entry: RunEntry,
+    sinks: Sinks,
 }
 
 impl Watched {
@@ -88,12 +112,15 @@ impl Watched {
     fn read(&mut self) -> anyhow::Result<bool> {
         while let Some(record) = self.guest.records.try_next()? {
             self.figures.add(&record);
+            self.sinks.add(&record)?;
             if record.kind() == Some(RecordKind::Ended)
                 && record.header.stage == Stage::Simulate as u32
             {
                 return Ok(false);
             }
         }
+        self.figures.tick(now_ns());
+        self.sinks.tick(&self.figures, false)?;
         Ok(self.entry.is_alive())
     }
 
@@ -130,7 +157,7 @@ fn once(cli: &Cli, watched: &mut Watched, stop: &Stop) -> anyhow::Result<()> {
     let report = watched.figures.report(now_ns());
     if cli.json {
         let transport_us = report.hops.capture_to_segment.transport_us.p50;
-        let udp_us = bench.as_ref().and_then(|bench| bench.udp_us.p50);
+        let udp_us = bench.as_ref().and_then(|bench| bench.sizes.first()?.udp_us.p50);
         return print_json(&Once {
             frame_transport_over_udp_p50: transport_us.zip(udp_us).map(|(ours, udp)| ours / udp),
             run: watched.entry.run.clone(),
@@ -150,13 +177,15 @@ fn once(cli: &Cli, watched: &mut Watched, stop: &Stop) -> anyhow::Result<()> {
 
 fn live(watched: &mut Watched, stop: &Stop) -> anyhow::Result<()> {
     let mut out = std::io::stdout();
-    if !out.is_terminal() {
+    let is_terminal = out.is_terminal();
+    if !is_terminal && !watched.sinks.is_any() {
         bail!("the live view needs a terminal; use --once (and --json) elsewhere");
     }
     let mut shown: Option<Instant> = None;
     loop {
         let goes_on = watched.read()?;
-        if shown.is_none_or(|shown| shown.elapsed() > REDRAW) || !goes_on {
+        let is_due = shown.is_none_or(|shown| shown.elapsed() > REDRAW) || !goes_on;
+        if is_terminal && is_due {
             shown = Some(Instant::now());
             let text = view::report(&watched.entry, &watched.figures.report(now_ns()));
             // Home, text with each line cleared to its end, the rest of the screen cleared.

@@ -2,7 +2,14 @@
 
 mod args;
 mod bench;
+mod budget;
+mod csv;
+mod hdr_log;
 mod live;
+mod prometheus;
+mod sinks;
+mod sockets;
+mod trace;
 mod view;
 
 use std::process::ExitCode;
@@ -14,7 +21,7 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("orime-probe: {error:#}");
-            ExitCode::FAILURE
+            ExitCode::from(if error.is::<live::OverBudget>() { 4 } else { 1 })
         }
     }
 }

@@ -2,32 +2,42 @@
 
 use std::fmt::Write as _;
 
+use orime_messages::Stage;
 use orime_probe::{HopReport, Percentiles, Report};
 use orime_runtime::RunEntry;
 
 use crate::bench::Bench;
+
+fn number(value: Option<f64>) -> String {
+    value.map_or("-".to_owned(), |value| format!("{value:.1}"))
+}
 
 /// A run's figures as a table.
 pub fn report(entry: &RunEntry, report: &Report) -> String {
     let mut text = String::new();
     // Writing to a string cannot fail, here and below.
     let _ = writeln!(text, "run {}  set {}  pace {:?}", entry.run, entry.name, entry.pace);
-    let number = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.1}"));
     let _ = writeln!(
         text,
-        "steps {} ({} lost)  {} steps/s  age of the state {} ms\n",
+        "steps {} ({} lost)  {} steps/s  age of the state {} ms  restarts {}\n",
         report.steps,
         report.lost_steps,
         number(report.hz),
         number(report.age_ms),
+        report.restarts,
     );
-    let _ = writeln!(text, "{:34} {:>8} {:>12} {:>12} {:>12}", "µs", "count", "p50", "p99", "max");
+    head(&mut text, "µs");
     row(&mut text, "capture: one frame", &report.capture_us);
     hop(&mut text, "capture → segment", &report.hops.capture_to_segment);
     hop(&mut text, "segment → register", &report.hops.segment_to_register);
     hop(&mut text, "register → simulate", &report.hops.register_to_simulate);
     row(&mut text, "step (segment+register+simulate)", &report.step_us);
-    row(&mut text, "end to end (arrival → state)", &report.end_to_end_us);
+    row(&mut text, "end to end (→ state)", &report.end_to_end_us);
+    row(&mut text, "… omission corrected", &report.end_to_end_corrected_us);
+    row(&mut text, "age of information", &report.age_us);
+    row(&mut text, "camera skew (exposure)", &report.camera_skew_us);
+    row(&mut text, "camera skew (arrival)", &report.arrival_skew_us);
+    stages(&mut text, report);
     let _ = writeln!(
         text,
         "\nframes {} of {} bytes at most, {} copied  drops {}",
@@ -41,21 +51,50 @@ pub fn report(entry: &RunEntry, report: &Report) -> String {
     text
 }
 
+fn stages(text: &mut String, report: &Report) {
+    let _ = writeln!(
+        text,
+        "\n{:10} {:>8} {:>8} {:>10} {:>9} {:>7} {:>6} {:>11} {:>9} {:>9}",
+        "stage",
+        "results",
+        "Hz",
+        "jitter ms",
+        "MB/s",
+        "queue",
+        "high",
+        "loan waits",
+        "restarts",
+        "silent s"
+    );
+    for name in Stage::PIPELINE.map(Stage::name) {
+        let Some(stage) = report.stages.get(name) else { continue };
+        let _ = writeln!(
+            text,
+            "{name:10} {:>8} {:>8} {:>10} {:>9} {:>7} {:>6} {:>11} {:>9} {:>9}",
+            stage.published,
+            number(stage.hz),
+            number(stage.jitter_ms),
+            number(stage.mb_per_s),
+            stage.queue_depth,
+            stage.queue_high,
+            stage.loan_waits,
+            stage.restarts,
+            number(stage.silent_s),
+        );
+    }
+}
+
 /// A bench as a table.
 pub fn bench(bench: &Bench) -> String {
     let mut text = String::new();
-    let _ = writeln!(
-        text,
-        "{:34} {:>8} {:>12} {:>12} {:>12}",
-        format!("one way, {} bytes, µs", bench.frame_bytes),
-        "count",
-        "p50",
-        "p99",
-        "max"
-    );
-    row(&mut text, "iceoryx2, written in place", &bench.iceoryx2_us);
-    row(&mut text, "UDP over loopback", &bench.udp_us);
-    let _ = writeln!(text, "UDP frames lost: {}", bench.udp_lost);
+    for size in &bench.sizes {
+        let _ = writeln!(text, "one way, {} bytes ({})", size.bytes, size.what);
+        head(&mut text, "µs");
+        row(&mut text, "iceoryx2, written in place", &size.iceoryx2_us);
+        row(&mut text, "UDP over loopback", &size.udp_us);
+        row(&mut text, "Unix socket", &size.unix_us);
+        let _ = writeln!(text, "UDP messages lost: {}\n", size.udp_lost);
+    }
     text
 }
 
@@ -65,9 +104,19 @@ fn hop(text: &mut String, name: &str, hop: &HopReport) {
     row(text, &format!("{name}: compute"), &hop.compute_us);
 }
 
-fn row(text: &mut String, name: &str, percentiles: &Percentiles) {
-    let Percentiles { count, p50, p99, max } = percentiles;
-    let number = |value: &Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.1}"));
-    let (p50, p99, max) = (number(p50), number(p99), number(max));
-    let _ = writeln!(text, "{name:34} {count:>8} {p50:>12} {p99:>12} {max:>12}");
+fn head(text: &mut String, unit: &str) {
+    let names = ["count", "p50", "p90", "p99", "p99.9", "max"];
+    let _ = write!(text, "{unit:34}");
+    for name in names {
+        let _ = write!(text, " {name:>10}");
+    }
+    text.push('\n');
+}
+
+fn row(text: &mut String, name: &str, us: &Percentiles) {
+    let _ = write!(text, "{name:34} {:>10}", us.count);
+    for value in [us.p50, us.p90, us.p99, us.p99_9, us.max] {
+        let _ = write!(text, " {:>10}", number(value));
+    }
+    text.push('\n');
 }

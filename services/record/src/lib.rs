@@ -7,6 +7,8 @@
 mod gather;
 mod report;
 mod session;
+mod tape;
 
 pub use report::{Counts, Report, Said};
 pub use session::{Inputs, Session, survive_size_limits};
+pub use tape::{Tape, TapeContent, TapeError, tape_path};

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use anyhow::Context;
 use orime_geometry::SheetParams;
 use orime_messages::Stage;
-use orime_record::{Inputs, Report, Said, Session, survive_size_limits};
+use orime_record::{Inputs, Report, Said, Session, Tape, survive_size_limits, tape_path};
 use orime_runtime::{Service, channel};
 
 /// Records a service set from its first message to its last (started by `orime up --record`).
@@ -18,6 +18,9 @@ pub struct Arguments {
     /// The MCAP file to write; it must not exist.
     #[arg(long)]
     file: PathBuf,
+    /// Write what the stages say to each other too, beside it.
+    #[arg(long)]
+    stages: bool,
 }
 
 /// Records to the end; how it went is the last line of the standard output.
@@ -30,10 +33,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Report> {
         clouds: service.subscribe(&channel::CLOUD)?,
         states: service.subscribe(&channel::STATE)?,
         truths: service.subscribe(&channel::TRUTH)?,
+        targets: arguments.stages.then(|| service.subscribe(&channel::TARGETS)).transpose()?,
     };
     let (file, set) = (&arguments.file, &service.set().name);
     let session = Session::create(file, set, &sheet, service.stop().clone())
         .with_context(|| format!("creating recording `{}`", file.display()))?;
+    let session = match arguments.stages {
+        true => session.with_tape(Tape::create(&tape_path(file))?),
+        false => session,
+    };
     if let Err(error) = service.ready() {
         session.abandon();
         return Err(error.into());

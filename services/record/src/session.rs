@@ -8,13 +8,16 @@ use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use orime_geometry::SheetGrid;
-use orime_messages::{Drops, Message, ObservedCloud, SheetState, Truth};
+use orime_messages::{Drops, Message, ObservedCloud, SheetState, Targets, Truth};
 use orime_recording::{RecordError, Recorder, SheetState as Sheet};
-use orime_runtime::{FrameSubscription, Received, ReceivedFrame, RuntimeError, Stop, Subscription};
+use orime_runtime::{
+    FrameSubscription, Received, ReceivedFrame, RuntimeError, Stop, Subscription, channel,
+};
 use signal_hook::consts::SIGXFSZ;
 
 use crate::gather::{Gathered, gather};
 use crate::report::{Counts, Report};
+use crate::tape::Tape;
 
 /// Bytes that gather before the system is asked to write.
 const BUFFER_BYTES: usize = 1 << 20;
@@ -30,6 +33,8 @@ pub struct Inputs {
     pub states: Subscription<SheetState>,
     /// From capture.
     pub truths: Subscription<Truth>,
+    /// From register, where the stages are recorded too.
+    pub targets: Option<Subscription<Targets>>,
 }
 
 /// A recording that is about to begin: its file is there and is ours.
@@ -40,11 +45,13 @@ pub struct Session {
     set: String,
     sheet: SheetGrid,
     stop: Stop,
+    tape: Option<Tape>,
 }
 
 /// What the threads of a session share.
 struct Shared {
     recorder: Mutex<Recorder>,
+    tape: Mutex<Option<Tape>>,
     failure: Mutex<Option<String>>,
     stop: Stop,
 }
@@ -61,7 +68,13 @@ impl Session {
     pub fn create(path: &Path, set: &str, sheet: &SheetGrid, stop: Stop) -> io::Result<Self> {
         let file = File::create_new(path)?;
         let (path, set, sheet) = (path.to_owned(), set.to_owned(), sheet.clone());
-        Ok(Self { path, file, set, sheet, stop })
+        Ok(Self { path, file, set, sheet, stop, tape: None })
+    }
+
+    /// Records what the stages say to each other too.
+    pub fn with_tape(mut self, tape: Tape) -> Self {
+        self.tape = Some(tape);
+        self
     }
 
     /// Removes the file again, where there will be nothing to record.
@@ -97,7 +110,7 @@ impl Session {
     }
 
     fn write(self, inputs: Inputs, gathered: Gathered, on_step: impl FnMut(u64)) -> Report {
-        let Self { path, file, set, sheet, stop } = self;
+        let Self { path, file, set, sheet, stop, tape } = self;
         let mut report = Report {
             file: path.clone(),
             bytes: 0,
@@ -110,7 +123,7 @@ impl Session {
         match Recorder::to_writer(&path, sink, &set, &gathered.cameras) {
             Ok(recorder) => {
                 let (recorder, failure) = (Mutex::new(recorder), Mutex::new(None));
-                let shared = Shared { recorder, failure, stop };
+                let shared = Shared { recorder, tape: Mutex::new(tape), failure, stop };
                 shared.take_all(inputs, gathered.frames, &sheet, on_step, &mut report);
                 report.failure = shared.finish();
             }
@@ -131,16 +144,23 @@ impl Shared {
         on_step: impl FnMut(u64),
         report: &mut Report,
     ) {
-        let Inputs { mut frames, clouds, states, truths } = inputs;
+        let Inputs { mut frames, clouds, states, truths, targets } = inputs;
         let (mut recorded, mut missed) = (report.recorded, report.missed);
         std::thread::scope(|scope| {
             let clouds = scope.spawn(|| {
                 self.take(clouds, |recorder, cloud| {
+                    self.tape(channel::CLOUD.name, cloud);
                     let ObservedCloud { header, .. } = cloud;
                     recorder.cloud(header.step, header.exposure_ns, cloud.points()).map(|()| true)
                 })
             });
-            let states = scope.spawn(|| self.take(states, record_state));
+            let states = scope.spawn(|| {
+                self.take(states, |recorder, state| {
+                    self.tape(channel::STATE.name, state);
+                    record_state(recorder, state)
+                })
+            });
+            let targets = targets.map(|targets| scope.spawn(|| self.take_targets(targets)));
             let truths = scope.spawn(|| {
                 self.take(truths, |recorder, truth| {
                     let Truth { header, .. } = truth;
@@ -155,6 +175,9 @@ impl Shared {
             let [taken, unreadable] = self.take_frames(&mut frames, first, on_step);
             (recorded.frames, report.frames_unreadable) = (taken, unreadable);
             missed.frames += lost(frames.drops());
+            if targets.is_some_and(|targets| targets.join().is_err()) {
+                self.fail("a thread of the recorder panicked");
+            }
             for (thread, recorded, missed) in [
                 (clouds, &mut recorded.clouds, &mut missed.clouds),
                 (states, &mut recorded.states, &mut missed.states),
@@ -168,6 +191,23 @@ impl Shared {
             }
         });
         (report.recorded, report.missed) = (recorded, missed);
+    }
+
+    /// Puts targets on the tape; the recording itself has no place for them.
+    fn take_targets(&self, targets: Subscription<Targets>) {
+        self.take(targets, |_, targets| {
+            self.tape(channel::TARGETS.name, targets);
+            Ok(true)
+        });
+    }
+
+    /// Puts a message on the tape, if there is one; a tape that cannot be written ends both.
+    fn tape<M: Message>(&self, topic: &str, message: &M) {
+        let mut tape = lock(&self.tape);
+        if let Some(Err(error)) = tape.as_mut().map(|tape| tape.add(topic, message)) {
+            *tape = None;
+            self.fail(&with_causes(&error));
+        }
     }
 
     /// Records frames, those at hand first; how many, and how many had no pixels.
@@ -249,6 +289,9 @@ impl Shared {
     fn finish(self) -> Option<String> {
         let recorder = self.recorder.into_inner().unwrap_or_else(PoisonError::into_inner);
         let finished = recorder.finish().err().map(|error| with_causes(&error));
+        let tape = self.tape.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let taped = tape.and_then(|tape| tape.finish().err()).map(|error| with_causes(&error));
+        let finished = finished.or(taped);
         let failure = self.failure.into_inner().unwrap_or_else(PoisonError::into_inner);
         failure.or(finished)
     }

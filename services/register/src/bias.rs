@@ -89,9 +89,59 @@ impl DepthBias {
             self.corrections_m[camera] = corrected.clamp(-CORRECTION_MAX_M, CORRECTION_MAX_M);
         }
     }
+}
 
-    /// The corrections, metres.
-    pub fn corrections_m(&self) -> &[f64] {
-        &self.corrections_m
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use orime_geometry::CameraModel;
+    use orime_geometry::nalgebra::Isometry3;
+
+    #[test]
+    fn a_camera_that_reads_short_is_found_out() {
+        let lens = CameraModel {
+            width: 640,
+            height: 480,
+            fx_px: 600.0,
+            fy_px: 600.0,
+            cx_px: 320.0,
+            cy_px: 240.0,
+            distortion: [0.0; 5],
+        };
+        let camera = RgbdCamera {
+            name: "overhead".into(),
+            color: lens.clone(),
+            depth: lens,
+            color_from_depth: Isometry3::identity(),
+            world_from_color: Isometry3::identity(),
+            depth_m_per_unit: 0.001,
+        };
+        // A plane at 0.5 m, facing the camera at 60 degrees, read 4 mm short along the ray.
+        let point = ObservedPoint {
+            position_m: [0.0, 0.0, 0.496],
+            normal: [0.866, 0.0, -0.5],
+            camera: 0,
+            pixels: 1.0,
+        };
+        let mut bias = DepthBias::default();
+        for _ in 0..60 {
+            bias.fit_to(std::slice::from_ref(&camera));
+            let seen = bias.corrected(&point);
+            // Across the surface the point is this far in front of it; along it nobody can tell.
+            let across_m = (0.5 - f64::from(seen[2])) * 0.5;
+            // toward = r·(x − y), and y − x is the normal's part: r·n = −0.5.
+            let sums = RaySums { mass: 100.0, toward_m: -100.0 * across_m * 0.5 };
+            bias.learn(&[sums]);
+        }
+        bias.fit_to(std::slice::from_ref(&camera));
+        assert!((f64::from(bias.corrected(&point)[2]) - 0.5).abs() < 1e-4);
+        // Few points, or another camera, teach nothing.
+        bias.learn(&[RaySums { mass: 5.0, toward_m: 1.0 }]);
+        assert!((f64::from(bias.corrected(&point)[2]) - 0.5).abs() < 1e-4);
+        bias.fit_to(&[RgbdCamera {
+            world_from_color: Isometry3::translation(1.0, 0.0, 0.0),
+            ..camera
+        }]);
+        assert_eq!(bias.corrected(&point), point.position_m);
     }
 }

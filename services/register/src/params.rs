@@ -79,8 +79,11 @@ pub struct RegisterParams {
     pub outline_weight: f64,
     /// Let each camera's points pull only on what that camera can see of the predicted sheet, and
     /// give nodes that nobody sees no target. Needs layers in the right order: simulate's contact.
-    /// Default false.
+    /// Default true.
     pub visibility: bool,
+    /// Learn what each camera's depth errs by as a whole, from contour and other cameras, and
+    /// correct it. Default true.
+    pub learn_depth_bias: bool,
     /// Give every node a target instead of the control points (every other node) alone.
     /// Default true; false is the paper.
     pub targets_everywhere: bool,
@@ -111,7 +114,8 @@ impl Default for RegisterParams {
             points_max: 2000,
             points_min: 60,
             outline_weight: 1.0,
-            visibility: false,
+            visibility: true,
+            learn_depth_bias: true,
             targets_everywhere: true,
             explained_min: 0.85,
         }
@@ -142,6 +146,7 @@ impl RegisterParams {
             points_min,
             outline_weight,
             visibility: _,
+            learn_depth_bias: _,
             targets_everywhere: _,
             explained_min,
         } = self;

@@ -115,8 +115,8 @@ impl Registrar {
         self.has_pose = true;
     }
 
-    /// Registers one observation. `predicted_m` is where the simulator expects the nodes (`None` before
-    /// the first pose); `targets_m` and `confidence` (one per node of the sheet) are written:
+    /// Registers one observation. `predicted_m` is where the simulator expects the nodes
+    /// (`None` before the first pose); `targets_m` and `confidence` (one per node of the sheet) are written:
     /// confidence 0 means that the node has no target.
     pub fn register(
         &mut self,
@@ -153,14 +153,8 @@ impl Registrar {
                 self.tracker.judge_visibility(observed.cameras, &self.nodes_m);
             }
             let fit = self.tracker.track(&self.cloud, &mut self.nodes_m);
-            if std::env::var("ORIME_NOBIAS").is_err() {
+            if self.params.learn_depth_bias {
                 self.bias.learn(&self.tracker.mixture.rays);
-                if std::env::var("ORIME_DBGB").is_ok() {
-                    eprintln!(
-                        "{:.2?}",
-                        self.bias.corrections_m().iter().map(|b| b * 1e3).collect::<Vec<_>>()
-                    );
-                }
             }
             tracked = Some((fit, self.score()));
         }

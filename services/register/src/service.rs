@@ -1,7 +1,8 @@
 //! register as a process: waits for the state that its prediction needs, publishes targets.
 
+use orime_creases::Folds;
 use orime_geometry::{RgbdCamera, SheetParams};
-use orime_messages::{Drops, ObservedCloud, RegisterFigures, SheetState, Targets};
+use orime_messages::{Drops, Header, ObservedCloud, RegisterFigures, SheetState, Targets};
 use orime_register::{Observation, RegisterParams, RegisterReport, Registrar};
 use orime_runtime::{
     Pace, Publisher, Received, Recorder, Service, Subscription, Work, channel, now_ns,
@@ -18,6 +19,16 @@ pub struct Register {
     recorder: Recorder,
     /// The newest state; in lockstep that of the step before.
     state: Option<Received<SheetState>>,
+    /// The process that the newest state came from.
+    simulate: Option<u64>,
+    /// Step of the newest targets; in lockstep their state is due.
+    due: Option<u64>,
+    /// Whether the first state is a pose to go on from.
+    takes_over: bool,
+    /// The end of a stream that has come already.
+    ended: Option<Header>,
+    /// Facets and layer order of that state.
+    folds: Folds,
     /// The cameras, once a cloud has told them.
     cameras: Vec<RgbdCamera>,
 }
@@ -38,6 +49,11 @@ impl Register {
             targets: service.publish(&channel::TARGETS)?,
             recorder: service.recorder()?,
             state: None,
+            simulate: None,
+            due: None,
+            takes_over: service.resume().is_some(),
+            ended: service.ended_input(),
+            folds: Folds::flat(&sheet),
             cameras: Vec::new(),
         };
         service.ready()?;
@@ -46,17 +62,20 @@ impl Register {
 
     /// Registers clouds until their stream ends.
     pub fn run(mut self) -> anyhow::Result<()> {
-        let mut first = true;
-        while let Some(cloud) = self.next_cloud()? {
+        while self.ended.is_none() {
+            let Some(cloud) = self.next_cloud()? else { return Ok(()) };
             if cloud.header.is_end() {
-                self.targets.send_end(&cloud.header)?;
-                self.recorder.ended(&cloud.header, self.clouds.drops())?;
+                self.ended = Some(cloud.header);
                 break;
             }
-            if !self.take_state(first)? || !self.publish_targets(&cloud)? {
-                break;
+            if !self.take_state()? || !self.publish_targets(&cloud)? {
+                return Ok(());
             }
-            first = false;
+            self.due = Some(cloud.header.step);
+        }
+        if let Some(last) = self.ended {
+            self.targets.send_end(&last)?;
+            self.recorder.ended(&last, self.clouds.drops())?;
         }
         Ok(())
     }
@@ -71,17 +90,42 @@ impl Register {
     /// Has the state that the prediction starts from; `false` if asked to stop.
     ///
     /// In lockstep each published step gives exactly one state, and the next step needs it.
-    fn take_state(&mut self, first: bool) -> anyhow::Result<bool> {
-        if self.pace == Pace::Realtime {
-            if let Some(state) = self.states.try_newest()? {
-                self.state = Some(state);
+    fn take_state(&mut self) -> anyhow::Result<bool> {
+        match (self.pace, self.due) {
+            (Pace::Lockstep, Some(due)) => loop {
+                let Some(state) = self.states.next()? else { return Ok(false) };
+                // A simulate that was restarted may not know what it is asked: its first word is
+                // an answer to anything.
+                let Header { step, incarnation, .. } = state.header;
+                let simulate = self.simulate.replace(incarnation);
+                let is_due = step >= due || simulate.is_some_and(|other| other != incarnation);
+                self.keep(state);
+                if is_due {
+                    break;
+                }
+            },
+            // After a restart, the channel gives the newest state that there is.
+            _ => {
+                if let Some(state) = self.states.try_newest()? {
+                    self.keep(state);
+                }
             }
-        } else if !first {
-            self.state = None;
-            self.state = self.states.next()?;
-            return Ok(self.state.is_some());
         }
+        let known = self.state.as_ref().is_some_and(|state| state.has_pose != 0);
+        if self.takes_over && known {
+            self.registrar.assume_pose();
+        }
+        self.takes_over = false;
         Ok(true)
+    }
+
+    /// Keeps a state; one without a pose, from a simulate that was restarted, does not replace
+    /// one with a pose.
+    fn keep(&mut self, state: Received<SheetState>) {
+        let is_end = state.header.is_end();
+        if !is_end && (state.has_pose != 0 || self.state.is_none()) {
+            self.state = Some(state);
+        }
     }
 
     /// Publishes the targets for one cloud; `false` if asked to stop while waiting.
@@ -89,19 +133,22 @@ impl Register {
         if self.cameras.len() != cloud.cameras().len() {
             self.cameras = cloud.cameras().iter().map(RgbdCamera::from).collect();
         }
+        if let Some(state) = &self.state {
+            state.folds.update(&mut self.folds);
+        }
         let observed = Observation {
             cloud: cloud.points(),
             edgels: cloud.edgels(),
             features: cloud.features(),
             cameras: &self.cameras,
-            folds: None,
+            folds: Some(&self.folds),
         };
         let registrar = &mut self.registrar;
         let predicted_m = self
             .state
             .as_deref()
             .filter(|state| state.has_pose != 0 && !state.header.is_end())
-            .map(SheetState::positions_m);
+            .map(SheetState::predicted_m);
         let n_nodes = self.n_nodes;
         let mut work = Work {
             upstream_publish_ns: cloud.header.publish_ns,

@@ -44,7 +44,7 @@ impl Segment {
             clouds: service.publish(&channel::CLOUD)?,
             recorder: service.recorder()?,
             gathering: Gathering::default(),
-            ended: None,
+            ended: service.ended_input(),
         };
         service.ready()?;
         Ok(segment)
@@ -166,8 +166,11 @@ impl Gathering {
     /// Capture publishes set after set, so a frame of another step means that the set that was
     /// being gathered will never be complete.
     fn add(&mut self, frame: ReceivedFrame) -> Option<Vec<ReceivedFrame>> {
-        let (step, n_cameras) = (frame.meta().header.step, frame.meta().n_cameras as usize);
-        if self.frames.first().is_some_and(|first| first.meta().header.step != step) {
+        let Header { step, incarnation, .. } = frame.meta().header;
+        let n_cameras = frame.meta().n_cameras as usize;
+        // A capture that was restarted publishes the set again that it did not finish.
+        let is_other = |header: Header| header.step != step || header.incarnation != incarnation;
+        if self.frames.first().is_some_and(|first| is_other(first.meta().header)) {
             self.give_up();
         }
         self.frames.push(frame);

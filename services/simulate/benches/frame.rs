@@ -1,12 +1,17 @@
-//! What a frame costs: `cargo bench -p orime-simulate --no-default-features --bench frame`.
+//! What a frame costs: `cargo bench -p orime-simulate --no-default-features --features gpu --bench
+//! frame`.
 //!
 //! Per size of the sheet: links, microseconds a frame (the least of many), nanoseconds and cycles
 //! of the time stamp counter a link and substep; then how stretch falls with substeps, and what
-//! that costs. `-- --frames N NODES` runs N frames of one size and nothing else, for callgrind and
-//! `perf stat`.
+//! that costs. `-- --frames N NODES [EFFECT,...]` runs N frames of one size and nothing else, for
+//! callgrind (`tests/effect_costs`) and `perf stat`; effects beyond the links and track are named
+//! but have nothing to do.
 
 use orime_geometry::SheetGrid;
-use orime_simulate::{AirDragParams, BendParams, Effect, SimulateParams, Simulator, TrackParams};
+use orime_simulate::{
+    AirDragParams, Backend, Batch, BendParams, Effect, Pulls, SimulateParams, Simulator,
+    TrackParams,
+};
 use std::time::Instant;
 
 const SUBSTEPS: u32 = 20;
@@ -20,7 +25,7 @@ fn hung(effects: &[Effect], nodes: usize, substeps: u32) -> (Simulator, SheetGri
         effects: effects.to_vec(),
         bend: BendParams { reach: 4, compliance_m_per_n: 0.0 },
         track: TrackParams { frequency_hz: 10_000.0, acceleration_max_m_per_s2: 1e6 },
-        air_drag: AirDragParams { per_s: 1.0 },
+        air_drag: AirDragParams { per_s: 3.0 },
         ..SimulateParams::default()
     };
     let sheet = SheetGrid::new([0.21, 0.21], [nodes, nodes]);
@@ -72,17 +77,90 @@ fn strain_max(x: &[[f32; 3]], sheet: &SheetGrid) -> f64 {
     sheet.edges().into_iter().map(strain).fold(0.0, f64::max)
 }
 
+/// Milliseconds a frame of 64 sheets and of a large one, on the CPU and, if there is one, the
+/// graphics processor.
+fn backends() {
+    println!("backends, {SUBSTEPS} substeps; least of some frames, ms");
+    let config = |nodes: usize, backend: Backend| {
+        let (effects, bend) = (LINKS.to_vec(), BendParams { reach: 4, compliance_m_per_n: 0.0 });
+        let params =
+            SimulateParams { backend, effects, bend, substep_motion_m: 0.0, ..Default::default() };
+        let sheet = SheetGrid::new([0.21, 0.21], [nodes, nodes]);
+        let config = params.check().expect("the bench's own parameters are good");
+        let held: Vec<f32> = (0..sheet.len()).map(|n| f32::from(u8::from(n < 2))).collect();
+        (Simulator::new(&config, &sheet, 0.08, None), sheet.flat_m(), held)
+    };
+    let (simulator, flat, held) = config(25, Backend::Cpu);
+    let pulls = vec![Pulls { targets_m: &flat, confidence: &held }; 64];
+    let mut batch = Batch::new(vec![simulator; 64]);
+    let run = |batch: &mut Batch| {
+        let frame = |_| {
+            let start = Instant::now();
+            batch.step(FRAME_S, &pulls);
+            start.elapsed().as_secs_f64() * 1e3
+        };
+        (0..8).map(frame).fold(f64::INFINITY, f64::min)
+    };
+    println!("  64 sheets of 25²  CPU, all cores: {:.2}", run(&mut batch));
+    match batch.to_gpu() {
+        Ok(Some(adapter)) => println!("  64 sheets of 25²  {adapter}: {:.2}", run(&mut batch)),
+        Ok(None) => println!("  64 sheets of 25²  not alike"),
+        Err(error) => println!("  64 sheets of 25²  {error}"),
+    }
+    for backend in [Backend::Cpu, Backend::Gpu] {
+        let (mut simulator, flat, held) = config(100, backend);
+        let start = Instant::now();
+        let chosen = simulator.choose_backend(&mut || start.elapsed().as_secs_f64());
+        let name = match chosen {
+            Ok(chosen) => chosen.adapter.unwrap_or_else(|| "CPU, one core".to_owned()),
+            Err(error) => {
+                println!("  one of 100²       {error}");
+                continue;
+            }
+        };
+        let frame = |_| {
+            let start = Instant::now();
+            simulator.step(FRAME_S, &flat, &held, false);
+            start.elapsed().as_secs_f64() * 1e3
+        };
+        let least_ms = (0..8).map(frame).fold(f64::INFINITY, f64::min);
+        println!("  one of 100²       {name}: {least_ms:.2}");
+    }
+}
+
+/// Frames of a sheet that hangs above a table, with effects that are named and idle.
+fn frames(arguments: &[String]) {
+    let number = |k: usize| arguments.get(k).and_then(|n| n.parse().ok()).unwrap_or(25);
+    let mut params = SimulateParams {
+        effects: vec![Effect::Stretch, Effect::Shear, Effect::Bend, Effect::Track],
+        bend: BendParams { reach: 4, compliance_m_per_n: 0.0 },
+        air_drag: AirDragParams { per_s: 0.0 },
+        ..SimulateParams::default()
+    };
+    params.gravity.acceleration_m_per_s2 = 0.0;
+    params.damping.time_s = 0.0;
+    params.table.height_m = -1.0;
+    let named = arguments.get(2).map_or("", String::as_str);
+    for name in named.split(',').filter(|name| !name.is_empty()) {
+        let effect = Effect::ALL.into_iter().find(|effect| effect.name() == name);
+        params.effects.push(effect.unwrap_or_else(|| panic!("no effect is named `{name}`")));
+    }
+    let sheet = SheetGrid::new([0.21, 0.21], [number(1), number(1)]);
+    let config = params.check().expect("the bench's own parameters are good");
+    let mut simulator = Simulator::new(&config, &sheet, 0.08, None);
+    let mut targets = sheet.flat_m();
+    let confidence = vec![1.0; sheet.len()];
+    for frame in 0..number(0) {
+        targets[0][2] = 1e-3 * (frame % 7) as f32;
+        simulator.step(FRAME_S, &targets, &confidence, false);
+    }
+    println!("{} frames of {} links", number(0), links(&simulator));
+}
+
 fn main() {
     let arguments: Vec<String> = std::env::args().collect();
     if let Some(at) = arguments.iter().position(|argument| argument == "--frames") {
-        let number = |k: usize| arguments.get(at + k).and_then(|n| n.parse().ok()).unwrap_or(25);
-        let (mut simulator, sheet, confidence) = hung(&LINKS, number(2), SUBSTEPS);
-        let targets = sheet.flat_m();
-        for _ in 0..number(1) {
-            simulator.step(FRAME_S, &targets, &confidence, false);
-        }
-        println!("{} frames of {} links", number(1), links(&simulator));
-        return;
+        return frames(&arguments[at + 1..]);
     }
     println!("links 1-4, {SUBSTEPS} substeps, one core; least of many frames");
     println!("  nodes   links  damped  us/frame  ns/link  ticks/link  us/link-scaled-to-25");
@@ -106,20 +184,25 @@ fn main() {
             );
         }
     }
-    println!("25x25 hung by two corners, 60 frames of 1/60 s (design/simulate.md, fact 1)");
-    println!("  substeps  largest stretch %  us/frame");
-    let mut effects = LINKS.to_vec();
-    effects.extend([Effect::Damping, Effect::AirDrag]);
+    backends();
+    println!("25x25 hung by two corners, 240 frames of 1/60 s (design/simulate.md, fact 1)");
+    println!("  substeps  largest stretch %  settled %  us/frame");
+    let effects = [&LINKS[..4], &[Effect::AirDrag]].concat();
     for substeps in [5, 10, 20, 40, 80, 160] {
-        let (mut simulator, sheet, confidence) = hung(&effects, 25, substeps);
+        let (mut simulator, sheet, held) = hung(&effects, 25, substeps);
         let targets = sheet.flat_m();
+        let masses: Vec<f32> = held.iter().map(|held| 1.0 - held).collect();
+        assert!(simulator.set_inverse_masses(&masses), "the bench's own masses are good");
+        let confidence = vec![0.0; sheet.len()];
         let (mut worst, mut least_s) = (0f64, f64::INFINITY);
-        for _ in 0..60 {
+        for _ in 0..240 {
             let start = Instant::now();
             simulator.step(FRAME_S, &targets, &confidence, false);
             least_s = least_s.min(start.elapsed().as_secs_f64());
             worst = worst.max(strain_max(simulator.positions_m(), &sheet));
         }
-        println!("  {substeps:8}  {:17.3}  {:8.1}", worst * 1e2, least_s * 1e6);
+        let settled = strain_max(simulator.positions_m(), &sheet);
+        let [worst, settled] = [worst, settled].map(|strain| strain * 1e2);
+        println!("  {substeps:8}  {worst:17.3}  {settled:9.3}  {:8.1}", least_s * 1e6);
     }
 }

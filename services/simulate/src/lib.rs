@@ -8,20 +8,28 @@
 
 mod contact;
 mod effect;
+#[cfg(feature = "gpu")]
+mod gpu;
 mod grips;
+mod model;
 mod params;
 mod simulator;
 mod solver;
 
 pub use contact::{ContactPass, Part};
 pub use effect::{Effect, Effects};
+#[cfg(feature = "gpu")]
+pub use gpu::{GpuError, Path};
 pub use grips::Grip;
+pub use model::{ModelReport, SheetModel};
 pub use params::{
-    AirDragParams, BendParams, ComplianceParams, CreaseKind, CreaseParams, DampingKind,
+    AirDragParams, Backend, BendParams, ComplianceParams, CreaseKind, CreaseParams, DampingKind,
     DampingParams, FacetsParams, GravityParams, GrippersParams, PredictParams, SimulateConfig,
     SimulateParams, TableParams, TrackParams,
 };
+#[cfg(feature = "gpu")]
+pub use simulator::Chosen;
 pub use simulator::{
-    FRAME_S_MAX, FRAME_S_MIN, FRAME_S_NOMINAL, GRIPS_MAX, Pulls, SimulateReport, Simulator, Taking,
-    frame_s,
+    Batch, FRAME_S_MAX, FRAME_S_MIN, FRAME_S_NOMINAL, GRIPS_MAX, Pulls, SimulateReport, Simulator,
+    Taking, frame_s,
 };

@@ -3,6 +3,8 @@
 use crate::effect::Effect;
 use crate::simulator::FRAME_S_NOMINAL;
 use crate::solver::crease::Plastic;
+use orime_contact::{ContactConfig, ContactParams};
+use orime_creases::CreaseConfig;
 use orime_params::{Checker, Problem};
 use serde::{Deserialize, Serialize};
 
@@ -18,8 +20,10 @@ pub struct SimulateParams {
     /// all nodes), a frame gets two or four times as many substeps. 0 never does.
     /// Default 0.00025 metres.
     pub substep_motion_m: f64,
-    /// What acts on the sheet. Default: stretch, shear, bend, damping, air_drag, facets, grippers
-    /// and track.
+    /// Where the substeps run. Default `cpu`, whose results repeat bit for bit on any machine.
+    pub backend: Backend,
+    /// What acts on the sheet. Default: stretch, shear, bend, damping, air_drag, facets, grippers,
+    /// track and self_contact.
     pub effects: Vec<Effect>,
     /// Links between neighbours along u and v.
     pub stretch: ComplianceParams,
@@ -45,6 +49,24 @@ pub struct SimulateParams {
     pub track: TrackParams,
     /// The prediction of the next pose.
     pub predict: PredictParams,
+    /// How fold lines are found.
+    pub folds: orime_creases::CreaseParams,
+    /// How layers keep apart.
+    pub self_contact: ContactParams,
+}
+
+/// Where the substeps run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Backend {
+    /// Here or on the graphics processor, whichever a short measurement at the start finds faster.
+    /// Results differ in rounding between the two.
+    Auto,
+    /// Here.
+    #[default]
+    Cpu,
+    /// On the graphics processor; an error without one.
+    Gpu,
 }
 
 /// `[simulate.stretch]` and `[simulate.shear]`.
@@ -161,6 +183,10 @@ pub struct TableParams {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FacetsParams {
+    /// How far a facet's targets may lie off a rigid pose (rms), as a fraction of the sheet, before
+    /// the facet gives way to half: a crease can only be found where the sheet may bend. Default
+    /// 0.005 (0.75 mm on 0.15 m).
+    pub bend_tolerance: f64,
     /// Share of the way to its facet's rigid pose that a node goes in a substep. Paper hardly
     /// bends between creases (0.3), cloth does (0.01). A sheet of one facet is left alone.
     /// Default 0.3.
@@ -203,11 +229,24 @@ pub struct PredictParams {
 
 impl Default for SimulateParams {
     fn default() -> Self {
-        use Effect::{AirDrag, Bend, Damping, Facets, Grippers, Shear, Stretch, Track};
+        use Effect::{
+            AirDrag, Bend, Damping, Facets, Grippers, SelfContact, Shear, Stretch, Track,
+        };
         Self {
             substeps: 20,
             substep_motion_m: 0.00025,
-            effects: vec![Stretch, Shear, Bend, Damping, AirDrag, Facets, Grippers, Track],
+            backend: Backend::default(),
+            effects: vec![
+                Stretch,
+                Shear,
+                Bend,
+                Damping,
+                AirDrag,
+                Facets,
+                Grippers,
+                Track,
+                SelfContact,
+            ],
             stretch: ComplianceParams::default(),
             shear: ComplianceParams::default(),
             bend: BendParams::default(),
@@ -220,6 +259,8 @@ impl Default for SimulateParams {
             grippers: GrippersParams::default(),
             track: TrackParams::default(),
             predict: PredictParams::default(),
+            folds: orime_creases::CreaseParams::default(),
+            self_contact: ContactParams::default(),
         }
     }
 }
@@ -262,7 +303,7 @@ impl Default for AirDragParams {
 
 impl Default for FacetsParams {
     fn default() -> Self {
-        Self { strength: 0.3 }
+        Self { strength: 0.3, bend_tolerance: 0.005 }
     }
 }
 
@@ -285,11 +326,22 @@ impl Default for PredictParams {
 }
 
 impl SimulateParams {
+    /// An effect that this scene names and that the graphics processor cannot do.
+    pub(crate) fn cpu_only(&self) -> Option<Effect> {
+        let paper = self.damping.kind == DampingKind::Paper;
+        self.effects.iter().copied().find(|effect| match effect {
+            Effect::Crease | Effect::SelfContact => true,
+            Effect::Damping => paper,
+            _ => false,
+        })
+    }
+
     /// Checks the section; every problem at once.
     pub fn check(&self) -> Result<SimulateConfig, Vec<Problem>> {
         let Self {
             substeps,
             substep_motion_m,
+            backend,
             effects,
             stretch,
             shear,
@@ -303,6 +355,8 @@ impl SimulateParams {
             grippers,
             track,
             predict,
+            folds,
+            self_contact,
         } = self;
         let mut checker = Checker::new();
         for (at, effect) in effects.iter().enumerate() {
@@ -330,6 +384,7 @@ impl SimulateParams {
         within("table.height_m", table.height_m, -1e4, 1e4, "m");
         within("table.friction", table.friction, 0.0, 10.0, "");
         within("facets.strength", facets.strength, 0.0, 1.0, "");
+        within("facets.bend_tolerance", facets.bend_tolerance, 1e-5, 1.0, "");
         within("grippers.strength", grippers.strength, 0.0, 1.0, "");
         within("track.frequency_hz", track.frequency_hz, 0.1, 10_000.0, "Hz");
         let acceleration = track.acceleration_max_m_per_s2;
@@ -337,13 +392,27 @@ impl SimulateParams {
         within("predict.momentum", predict.momentum, 0.0, 1.0, "");
         within("predict.hold", predict.hold, 0.0, 1.0, "");
         within("predict.substeps", f64::from(predict.substeps), 1.0, 1000.0, "");
+        if let (Backend::Gpu, Some(effect)) = (*backend, self.cpu_only()) {
+            let message =
+                format!("is \"gpu\", but {} runs on the CPU only: take \"auto\"", effect.name());
+            checker.problem("backend", message);
+        }
         if damping.kind == DampingKind::Paper {
             let gamma = damping.time_s * f64::from(*substeps) / FRAME_S_NOMINAL;
             let requirement = "the paper's form diverges where time_s / dt > 1/2 at 30 frames/s; \
                 shorten it, or take kind = \"xpbd\"";
             checker.require(gamma <= 0.5, "damping.time_s", damping.time_s, requirement);
         }
-        checker.finish(|| SimulateConfig { params: self.clone() })
+        match (folds.check(), self_contact.check()) {
+            (Ok(folds), Ok(self_contact)) => {
+                checker.finish(|| SimulateConfig { params: self.clone(), folds, self_contact })
+            }
+            (folds, self_contact) => {
+                checker.nested("folds", folds.err().unwrap_or_default());
+                checker.nested("self_contact", self_contact.err().unwrap_or_default());
+                Err(checker.finish(|| ()).err().unwrap_or_default())
+            }
+        }
     }
 }
 
@@ -351,6 +420,8 @@ impl SimulateParams {
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimulateConfig {
     pub(crate) params: SimulateParams,
+    pub(crate) folds: CreaseConfig,
+    pub(crate) self_contact: ContactConfig,
 }
 
 #[cfg(test)]

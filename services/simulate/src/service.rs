@@ -1,22 +1,34 @@
 //! simulate as a process: advances the sheet by each set of targets and publishes its state.
 
 use orime_geometry::{SheetGrid, SheetParams};
-use orime_messages::{SheetState, Targets};
+use orime_messages::{FoldsMeta, Header, SheetState, Targets};
 use orime_runtime::{
-    Pace, Publisher, Received, Recorder, Service, Subscription, Work, channel, now_ns,
+    Pace, Publisher, Received, Recorder, Resume, Service, Subscription, Work, channel, now_ns,
 };
-use orime_simulate::{SimulateParams, Simulator, frame_s};
+use orime_simulate::{SheetModel, SimulateParams, Simulator, frame_s};
+
+/// Number of a sheet that is followed, as register says it.
+const TRACKING: u32 = 1;
+/// … and of a step without anything to register against.
+const COASTING: u32 = 2;
 
 /// The simulate process.
 pub struct Simulate {
-    simulator: Simulator,
+    model: SheetModel,
     sheet: SheetGrid,
     pace: Pace,
     targets: Subscription<Targets>,
     states: Publisher<SheetState>,
     recorder: Recorder,
+    header: Header,
     exposure_before_ns: Option<u64>,
     has_pose: bool,
+    /// Whether the first good targets are a pose to go on from.
+    takes_over: bool,
+    /// Where a restarted process goes on.
+    resume: Option<Resume>,
+    /// The end of a stream that has come already.
+    ended: Option<Header>,
 }
 
 impl Simulate {
@@ -27,14 +39,20 @@ impl Simulate {
         let sheet = service.config("sheet", SheetParams::check)?;
         let rest_m = orime_recording::template::load(&params, &sheet)?;
         let density = params.density_kg_per_m2;
+        let mut model = SheetModel::new(&config, &sheet, density, rest_m.as_deref());
+        choose_backend(model.simulator_mut())?;
         let simulate = Self {
-            simulator: Simulator::new(&config, &sheet, density, rest_m.as_deref()),
+            model,
             pace: service.set().pace,
             targets: service.subscribe(&channel::TARGETS)?,
             states: service.publish(&channel::STATE)?,
             recorder: service.recorder()?,
+            header: service.header(),
             exposure_before_ns: None,
             has_pose: false,
+            takes_over: service.resume().is_some(),
+            resume: service.resume(),
+            ended: service.ended_input(),
             sheet,
         };
         service.ready()?;
@@ -43,23 +61,50 @@ impl Simulate {
 
     /// Advances the sheet until the stream of targets ends.
     pub fn run(mut self) -> anyhow::Result<()> {
-        while let Some(targets) = self.next_targets()? {
+        if !self.answer_for_predecessor()? {
+            return Ok(());
+        }
+        while self.ended.is_none() {
+            let Some(targets) = self.next_targets()? else { return Ok(()) };
             if targets.header.is_end() {
-                self.states.send_end(&targets.header)?;
-                self.recorder.ended(&targets.header, self.targets.drops())?;
-                break;
+                self.ended = Some(targets.header);
+            } else if !self.publish_state(&targets)? {
+                return Ok(());
             }
-            if !self.publish_state(&targets)? {
-                break;
-            }
+        }
+        if let Some(last) = self.ended {
+            self.states.send_end(&last)?;
+            self.recorder.ended(&last, self.targets.drops())?;
         }
         Ok(())
     }
 
+    /// In lockstep register waits for one state per targets, and those that the process before
+    /// this one had in hand are lost: says that there is no pose. `false` if asked to stop.
+    fn answer_for_predecessor(&mut self) -> anyhow::Result<bool> {
+        let Some(resume) = self.resume.filter(|_| self.pace == Pace::Lockstep) else {
+            return Ok(true);
+        };
+        let step = resume.asked.max(resume.published).unwrap_or(0);
+        let lineage = Header { step, ..self.header };
+        let size_m = self.sheet.size_m;
+        let nodes = self.sheet.nodes.map(|nodes| nodes as u32);
+        let sent = self.states.send_with(&lineage, |state| {
+            // The first message of this process: what is not written here is 0.
+            state.figures.tracking = COASTING;
+            (state.n_nodes, state.has_pose, state.targets_rejected) = (0, 0, 0);
+            (state.nodes, state.size_m) = (nodes, size_m);
+        })?;
+        Ok(sent.is_some())
+    }
+
     fn next_targets(&mut self) -> anyhow::Result<Option<Received<Targets>>> {
+        // Register, if it is restarted, goes on from the newest state: nobody sends one meanwhile.
+        let states = &self.states;
+        let greet = || states.greet();
         Ok(match self.pace {
-            Pace::Lockstep => self.targets.next()?,
-            Pace::Realtime => self.targets.newest()?,
+            Pace::Lockstep => self.targets.next_with(greet)?,
+            Pace::Realtime => self.targets.newest_with(greet)?,
         })
     }
 
@@ -67,14 +112,17 @@ impl Simulate {
     fn publish_state(&mut self, targets: &Received<Targets>) -> anyhow::Result<bool> {
         let dt_s = frame_s(self.exposure_before_ns, targets.header.exposure_ns);
         self.exposure_before_ns = Some(targets.header.exposure_ns);
-        let reset = targets.figures.reset != 0;
+        // Targets of a sheet that is followed are a pose, where there is none to move towards it.
+        let is_pose = targets.figures.tracking == TRACKING;
+        let reset = targets.figures.reset != 0 || (self.takes_over && is_pose);
+        self.takes_over &= !reset;
         self.has_pose |= reset;
-        let (simulator, sheet, has_pose) = (&mut self.simulator, &self.sheet, self.has_pose);
+        let (model, sheet, has_pose) = (&mut self.model, &self.sheet, self.has_pose);
         let mut work = Work {
             upstream_publish_ns: targets.header.publish_ns,
             take_ns: targets.take_ns,
             status: targets.figures.tracking,
-            bytes: (sheet.len() * 12) as u64,
+            bytes: (sheet.len() * 24 + size_of::<FoldsMeta>()) as u64,
             ..Work::default()
         };
         let sent = self.states.send_with(&targets.header, |state| {
@@ -83,19 +131,48 @@ impl Simulate {
             // Before the first pose there is nothing to simulate, but the loop goes on.
             if has_pose {
                 let (targets_m, confidence) = (targets.targets_m(), targets.confidence());
-                let report = simulator.step(dt_s, targets_m, confidence, reset);
-                state.targets_rejected = report.targets_rejected;
+                let report = model.step(dt_s, targets_m, confidence, reset);
+                state.targets_rejected = report.simulate.targets_rejected;
             }
             state.figures = targets.figures;
             state.n_nodes = sheet.len() as u32;
             state.has_pose = u32::from(has_pose);
             state.nodes = sheet.nodes.map(|nodes| nodes as u32);
             state.size_m = sheet.size_m;
-            state.positions_m[..sheet.len()].copy_from_slice(simulator.positions_m());
+            state.folds.set(model.folds());
+            state.positions_m[..sheet.len()].copy_from_slice(model.positions_m());
+            state.predicted_m[..sheet.len()].copy_from_slice(model.predicted_m());
             work.end_ns = now_ns();
         })?;
         let Some(sent) = sent else { return Ok(false) };
         self.recorder.published(&sent.header, work, self.targets.drops())?;
         Ok(true)
     }
+}
+
+/// Decides where the substeps run, and says so unless the scene asks for the CPU.
+#[cfg(feature = "gpu")]
+fn choose_backend(simulator: &mut Simulator) -> anyhow::Result<()> {
+    let start = std::time::Instant::now();
+    let chosen = simulator.choose_backend(&mut || start.elapsed().as_secs_f64())?;
+    let [cpu_us, gpu_us] = chosen.frame_s.map(|seconds| seconds * 1e6);
+    match (&chosen.adapter, &chosen.refused) {
+        (Some(adapter), _) => tracing::info!(adapter, cpu_us, gpu_us, "simulates on the GPU"),
+        (None, Some(why)) => tracing::info!(why, "simulates on the CPU"),
+        (None, None) if cpu_us.is_finite() => {
+            tracing::info!(cpu_us, gpu_us, "simulates on the CPU");
+        }
+        (None, None) => {}
+    }
+    Ok(())
+}
+
+/// Without the feature there is only the CPU.
+#[cfg(not(feature = "gpu"))]
+fn choose_backend(simulator: &mut Simulator) -> anyhow::Result<()> {
+    anyhow::ensure!(
+        !simulator.wants_gpu(),
+        "`simulate.backend` is \"gpu\", but this program was built without the feature `gpu`"
+    );
+    Ok(())
 }

@@ -1,5 +1,8 @@
 //! The sheet over time: frames of several substeps, folds, grips, prediction.
 
+mod batch;
+#[cfg(feature = "gpu")]
+mod graphics;
 mod prediction;
 mod rest;
 
@@ -9,6 +12,9 @@ use crate::grips::{Anchor, Grip};
 use crate::params::{SimulateConfig, SimulateParams};
 use crate::solver::links::facets_of_place;
 use crate::solver::{Hooks, Rates, Solver, Targets};
+pub use batch::Batch;
+#[cfg(feature = "gpu")]
+pub use graphics::Chosen;
 use orime_creases::Folds;
 use orime_geometry::SheetGrid;
 use prediction::Prediction;
@@ -35,6 +41,8 @@ pub const FRAME_S_MIN: f64 = 1e-4;
 pub const FRAME_S_NOMINAL: f64 = 1.0 / 30.0;
 /// Most grippers that hold a sheet at a time.
 pub const GRIPS_MAX: usize = 16;
+/// The origin follows when the sheet's middle is further away than this, metres.
+const ORIGIN_APART_M: f32 = 0.25;
 /// Most times as many substeps as set that a frame with much motion gets.
 const SUBSTEPS_TIMES_MAX: u32 = 4;
 
@@ -82,7 +90,11 @@ pub struct Simulator {
     motion_m_per_s: Vec<[f32; 3]>,
     world: Vec<[f32; 3]>,
     rest: Rest,
+    /// Usual length of a frame, seconds; 0 before the first.
+    period_s: f64,
     prediction: Option<Box<Prediction>>,
+    #[cfg(feature = "gpu")]
+    graphics: Option<Box<graphics::Graphics>>,
     /// Room for contact.
     points: [Vec<[f32; 3]>; 2],
 }
@@ -108,7 +120,10 @@ impl Simulator {
             origin_m: [0.0; 3],
             motion_m_per_s: vec![[0.0; 3]; world.len()],
             rest: Rest::default(),
+            period_s: 0.0,
             prediction: None,
+            #[cfg(feature = "gpu")]
+            graphics: None,
             points: [(); 2].map(|()| vec![[0.0; 3]; points]),
             params,
             folds,
@@ -149,6 +164,8 @@ impl Simulator {
         }
         self.facets_of_place = facets_of_place(self.solver.layout, folds);
         self.solver.set_folds(&self.folds, true);
+        #[cfg(feature = "gpu")]
+        self.renew_graphics();
         self.rest.wake();
     }
 
@@ -194,6 +211,7 @@ impl Simulator {
             return report;
         }
         let dt_s = clamped_s(dt_s);
+        self.recenter();
         self.accept_targets(pulls, &mut report);
         if self.rest.sleeps(dt_s, pulls) {
             report.slept = self.params.effects.iter().copied().collect();
@@ -201,6 +219,28 @@ impl Simulator {
         }
         self.advance(dt_s, taking, &mut report);
         report
+    }
+
+    /// How much of `facets.strength` each facet gets, 0 … 1; facets beyond the end get all of it.
+    pub fn set_facet_shares(&mut self, shares: &[f32]) {
+        self.solver.facet_shares.clear();
+        self.solver.facet_shares.extend_from_slice(shares);
+    }
+
+    /// Puts the nodes where something else than the solver wants them, as a part of the last step,
+    /// which took `dt_s`. Velocities are kept.
+    pub fn correct(&mut self, dt_s: f64, positions_m: &[[f32; 3]]) {
+        let per_s = 1.0 / clamped_s(dt_s) as f32;
+        for (node, place) in self.solver.layout.places().enumerate() {
+            for axis in 0..3 {
+                let to = positions_m[node][axis];
+                let way = to - self.world[node][axis];
+                self.motion_m_per_s[node][axis] += 0.5 * way * per_s;
+                self.solver.x[axis].rows_mut()[place] = to - self.origin_m[axis];
+                self.world[node][axis] = to;
+            }
+        }
+        self.folds.observe(&self.world);
     }
 
     /// Node positions, world frame, metres, index order of the sheet.
@@ -217,6 +257,11 @@ impl Simulator {
     /// Bytes that an effect takes; `None` for the nodes themselves.
     pub fn bytes(&self, effect: Option<Effect>) -> usize {
         self.solver.bytes(effect)
+    }
+
+    /// Whether the scene asks for the graphics processor and for nothing else.
+    pub fn wants_gpu(&self) -> bool {
+        self.params.backend == crate::Backend::Gpu
     }
 
     fn has(&self, effect: Effect) -> bool {
@@ -250,6 +295,22 @@ impl Simulator {
         }
     }
 
+    /// Moves the origin after a sheet that travels. No digit is lost: the shift is a multiple of
+    /// 1/64 m, and the positions become smaller.
+    fn recenter(&mut self) {
+        let middle = self.solver.layout.place(self.world.len() / 2);
+        for (axis, x) in self.solver.x.iter_mut().enumerate() {
+            let shift_m = (x.rows()[middle] * 64.0).trunc() / 64.0;
+            if shift_m.abs() > ORIGIN_APART_M {
+                x.rows_mut().iter_mut().for_each(|x| *x -= shift_m);
+                self.origin_m[axis] += shift_m;
+                for anchor in &mut self.solver.anchors {
+                    anchor.position_m[axis] -= shift_m;
+                }
+            }
+        }
+    }
+
     fn accept_targets(&mut self, pulls: Pulls<'_>, report: &mut SimulateReport) {
         let Some(targets) = &mut self.solver.targets else { return };
         let confidence = targets.confidence.rows_mut();
@@ -267,28 +328,47 @@ impl Simulator {
             }
             confidence[place] = trust.min(1.0);
             targets.count += 1;
-            for axis in 0..3 {
-                targets.at_m[axis].rows_mut()[place] = target[axis] - self.origin_m[axis];
+            for (at_m, (target, origin)) in
+                targets.at_m.iter_mut().zip(target.iter().zip(self.origin_m))
+            {
+                at_m.rows_mut()[place] = target - origin;
             }
         }
     }
 
     /// Substeps, and all that is done once a frame.
     fn advance(&mut self, dt_s: f64, taking: &mut Taking<'_>, report: &mut SimulateReport) {
-        report.substeps = self.substeps();
+        report.substeps = self.substeps(dt_s);
+        let rates = self.begin(dt_s, report);
+        let Taking { contact, watch } = taking;
+        #[cfg(feature = "gpu")]
+        let elsewhere = self.advance_on_gpu(&rates, report.substeps, watch);
+        #[cfg(not(feature = "gpu"))]
+        let elsewhere = false;
+        if !elsewhere {
+            let mut hooks = Hooks {
+                contact: contact.as_deref_mut(),
+                watch: watch.as_deref_mut(),
+                room: &mut self.points,
+                folds: &self.folds,
+            };
+            for _ in 0..report.substeps {
+                self.solver.substep(&rates, None, &mut hooks);
+            }
+        }
+        self.finish(dt_s);
+    }
+
+    /// What is done before a frame's substeps; the report says how many.
+    fn begin(&mut self, dt_s: f64, report: &mut SimulateReport) -> Rates {
         let rates = self.rates(dt_s, report);
         self.set_ratios(rates.dt_s);
         self.solver.yield_creases();
-        let Taking { contact, watch } = taking;
-        let mut hooks = Hooks {
-            contact: contact.as_deref_mut(),
-            watch: watch.as_deref_mut(),
-            room: &mut self.points,
-            folds: &self.folds,
-        };
-        for _ in 0..report.substeps {
-            self.solver.substep(&rates, None, &mut hooks);
-        }
+        rates
+    }
+
+    /// What is done after a frame's substeps.
+    fn finish(&mut self, dt_s: f64) {
         let per_s = 1.0 / dt_s as f32;
         let mut moved_m: f32 = 0.0;
         let [x, y, z] = self.solver.x.each_ref().map(|field| field.rows());
@@ -310,16 +390,24 @@ impl Simulator {
         }
     }
 
-    /// Substeps of this frame, by how far the targets are away.
-    fn substeps(&self) -> u32 {
+    /// Substeps of this frame, by its length and by how far the targets are away.
+    fn substeps(&mut self, dt_s: f64) -> u32 {
         let set = self.params.substeps;
-        let Some(targets) = self.solver.targets.as_ref().filter(|targets| targets.count > 0) else {
-            return set;
-        };
-        let motion_m = self.params.substep_motion_m * f64::from(set);
-        if motion_m == 0.0 {
-            return set;
-        }
+        // Substeps keep their length over frames that jitter: every change of it turns strain
+        // into velocity.
+        let usual_s = if self.period_s > 0.0 { self.period_s } else { dt_s };
+        self.period_s = usual_s + 0.1 * (dt_s.clamp(0.25 * usual_s, 4.0 * usual_s) - usual_s);
+        let times = self.times();
+        let wanted = (f64::from(set) * dt_s / usual_s).round();
+        (wanted.clamp(1.0, f64::from(set * SUBSTEPS_TIMES_MAX)) as u32 * times)
+            .clamp(1, set * SUBSTEPS_TIMES_MAX)
+    }
+
+    /// How many times the usual substeps the targets' distance asks for.
+    fn times(&self) -> u32 {
+        let motion_m = self.params.substep_motion_m * f64::from(self.params.substeps);
+        let targets = self.solver.targets.as_ref().filter(|targets| targets.count > 0);
+        let Some(targets) = targets.filter(|_| motion_m > 0.0) else { return 1 };
         let confidence = targets.confidence.rows();
         let mut squared_m2 = 0f64;
         for place in self.solver.layout.places().filter(|place| confidence[*place] > 0.0) {
@@ -329,11 +417,10 @@ impl Simulator {
         }
         // Over all nodes: a few that are held hard say nothing of the sheet's motion.
         let distance_m = 2.0 * (squared_m2 / self.world.len() as f64).sqrt();
-        // In few, large stages: every change of the substep turns strain into velocity.
         match distance_m / motion_m {
-            near if near <= 1.0 => set,
-            far if far <= 2.0 => 2 * set,
-            _ => SUBSTEPS_TIMES_MAX * set,
+            near if near <= 1.0 => 1,
+            far if far <= 2.0 => 2,
+            _ => SUBSTEPS_TIMES_MAX,
         }
     }
 

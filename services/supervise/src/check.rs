@@ -91,7 +91,13 @@ pub fn command(path: &Path, json: bool) -> Result<Exit, Failure> {
     let text = std::fs::read_to_string(path).map_err(|error| {
         Failure::usage(format!("reading set file `{}`: {error}", path.display()))
     })?;
-    let problems = check(path, &text).err().unwrap_or_default();
+    let problems = match check(path, &text) {
+        Ok(set) => {
+            crate::doubts::of(&set).iter().for_each(|doubt| eprintln!("warning: {doubt}"));
+            Vec::new()
+        }
+        Err(problems) => problems,
+    };
     let text = if json {
         serde_json::to_string_pretty(&problems)
             .map_err(|error| Failure::machine(error.to_string()))?

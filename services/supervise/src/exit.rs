@@ -15,6 +15,8 @@ pub enum Exit {
     Machine = 3,
     /// The set's recording is damaged, and the set does not say that this is accepted.
     Damaged = 5,
+    /// A set in lockstep lost something with a stage that died and was restarted.
+    Lossy = 6,
     /// Ended at once, as asked by a second Ctrl-C.
     Interrupted = 130,
 }

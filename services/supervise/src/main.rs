@@ -3,35 +3,35 @@
 mod args;
 mod asked;
 mod check;
+mod clocks;
+mod command;
+mod control;
+mod doctor;
+mod doubts;
+mod effects;
+mod events;
 mod exit;
+mod fleet;
+mod layouts;
+mod logs;
+mod notify;
 mod open;
 mod places;
+mod policy;
 mod problem;
 mod process;
 mod progress;
 mod record;
 mod recording;
+mod recovery;
+mod replay;
 mod runs;
 mod summary;
 mod up;
 mod watch;
-use args::{Cli, Command};
 use clap::Parser;
-use exit::Failure;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
-    let result = match &cli.command {
-        Command::Up(args) => up::up(args, cli.json),
-        Command::Ps => runs::ps(cli.json),
-        Command::Down { run } => runs::down(run.as_deref(), cli.json),
-        Command::Record(args) => record::record(args, cli.json),
-        Command::Check { set } => check::command(set, cli.json),
-    };
-    let exit = result.unwrap_or_else(|Failure { exit, message }| {
-        eprintln!("orime: {message}");
-        exit
-    });
-    ExitCode::from(exit)
+    command::run(&args::Cli::parse())
 }

@@ -47,6 +47,9 @@ fn key_of(source: SourceKind) -> &'static str {
         SourceKind::Rendered => "capture.rendered",
         SourceKind::Folder => "capture.folder.layout",
         SourceKind::Recording => "capture.recording.file",
+        SourceKind::Realsense => "capture.realsense",
+        SourceKind::Bag => "capture.bag.files",
+        SourceKind::Db3 => "capture.db3.files",
     }
 }
 

@@ -1,23 +1,32 @@
 //! One process of a set: started, listened to, ended, reaped.
 
-use std::fs::File;
+use std::fs::{File, OpenOptions};
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::mpsc::Sender;
+use std::time::{Duration, Instant};
 
-use orime_messages::Stage;
-use orime_runtime::{CAMERAS_VARIABLE, PARENT_VARIABLE, RUN_VARIABLE, RunId};
+use orime_messages::{PROTOCOL, Stage};
+use orime_runtime::{
+    CAMERAS_VARIABLE, LOG_VARIABLE, PARENT_VARIABLE, PROTOCOL_VARIABLE, RESUME_VARIABLE,
+    RUN_VARIABLE, Resume, RunId,
+};
 use rustix::process::{Pid, Signal, kill_process_group};
 
 use crate::exit::Failure;
+
+/// Time that the last record of a process may take to be read.
+const LAST_RECORD: Duration = Duration::from_millis(200);
 
 /// A line that a process printed on its standard output.
 #[derive(Debug)]
 pub struct Said {
     /// Who.
     pub stage: Stage,
+    /// Which process of that stage.
+    pub pid: u32,
     /// What.
     pub line: String,
 }
@@ -29,8 +38,15 @@ pub struct Process {
     pub stage: Stage,
     /// Its standard error.
     pub log: PathBuf,
+    /// When it was started.
+    pub started: Instant,
+    /// Whether it has said that it is ready.
+    pub is_ready: bool,
+    /// Why it was ended from here, if it was.
+    pub ended_because: Option<&'static str>,
     child: Child,
     status: Option<ExitStatus>,
+    ended: Option<Instant>,
 }
 
 /// What every process of a run is started with.
@@ -46,14 +62,29 @@ pub struct Launch<'a> {
     pub cameras: usize,
     /// What the recorder writes, if there is one.
     pub record: Option<&'a Path>,
+    /// Whether what the stages say to each other is recorded too.
+    pub record_stages: bool,
+    /// Whether stages log JSON.
+    pub log_json: bool,
 }
 
 impl Launch<'_> {
-    /// Starts a stage; what it prints goes to `said`, what it logs to `OUT/logs/STAGE.log`.
-    pub fn start(&self, stage: Stage, said: &Sender<Said>) -> Result<Process, Failure> {
+    /// Starts a stage; what it prints goes to `said`, what it logs to `OUT/logs/STAGE.log`, after
+    /// what its predecessor logged if it goes on where that one ended.
+    pub fn start(
+        &self,
+        stage: Stage,
+        resume: Option<Resume>,
+        said: &Sender<Said>,
+    ) -> Result<Process, Failure> {
         let program = program(stage)?;
         let log = self.out.join("logs").join(format!("{}.log", stage.name()));
-        let log_file = File::create(&log)
+        let log_file = OpenOptions::new()
+            .create(true)
+            .write(true)
+            .append(resume.is_some())
+            .truncate(resume.is_none())
+            .open(&log)
             .map_err(|error| Failure::machine(format!("writing `{}`: {error}", log.display())))?;
         let mut command = Command::new(&program);
         if stage == Stage::Judge {
@@ -63,12 +94,24 @@ impl Launch<'_> {
         }
         if let (Stage::Record, Some(file)) = (stage, self.record) {
             command.arg("--file").arg(file);
+            if self.record_stages {
+                command.arg("--stages");
+            }
+        }
+        if self.log_json {
+            command.env(LOG_VARIABLE, "json");
+        }
+        if let Some(resume) = resume {
+            let text = serde_json::to_string(&resume)
+                .map_err(|error| Failure::machine(error.to_string()))?;
+            command.env(RESUME_VARIABLE, text);
         }
         let mut child = command
             // A log ends in what went wrong, not in where this program noticed.
             .env("RUST_LIB_BACKTRACE", "0")
             .env(RUN_VARIABLE, self.run.to_string())
             .env(CAMERAS_VARIABLE, self.cameras.to_string())
+            .env(PROTOCOL_VARIABLE, PROTOCOL)
             .env(PARENT_VARIABLE, std::process::id().to_string())
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
@@ -80,16 +123,25 @@ impl Launch<'_> {
                 Failure::machine(format!("starting `{}`: {error}", program.display()))
             })?;
         if let Some(stdout) = child.stdout.take() {
-            let said = said.clone();
+            let (said, pid) = (said.clone(), child.id());
             std::thread::spawn(move || {
                 for line in BufReader::new(stdout).lines().map_while(Result::ok) {
-                    if said.send(Said { stage, line }).is_err() {
+                    if said.send(Said { stage, pid, line }).is_err() {
                         return;
                     }
                 }
             });
         }
-        Ok(Process { stage, log, child, status: None })
+        Ok(Process {
+            stage,
+            log,
+            started: Instant::now(),
+            is_ready: false,
+            ended_because: None,
+            child,
+            status: None,
+            ended: None,
+        })
     }
 }
 
@@ -117,10 +169,22 @@ impl Process {
         self.child.id()
     }
 
+    /// Whether it still runs.
+    pub fn runs(&mut self) -> bool {
+        self.poll().is_none()
+    }
+
+    /// Whether a record of its end may still be on its way.
+    pub fn may_have_said_more(&self) -> bool {
+        let is_fresh = self.ended.is_some_and(|ended| ended.elapsed() < LAST_RECORD);
+        is_fresh && self.ended_because.is_none()
+    }
+
     /// How it ended, if it has.
     pub fn poll(&mut self) -> Option<ExitStatus> {
         if self.status.is_none() {
             self.status = self.child.try_wait().ok().flatten();
+            self.ended = self.status.map(|_| Instant::now());
         }
         self.status
     }

@@ -2,16 +2,23 @@
 
 use std::fmt::Write as _;
 use std::io::{self, IsTerminal, Write as _};
+use std::time::Duration;
 
-use orime_messages::{RecordKind, Stage};
+use orime_messages::{FrameStatus, RecordKind, Stage, StageRecord};
 use orime_probe::Figures;
-use orime_runtime::{Guest, RuntimeError, now_ns};
+use orime_runtime::{Guest, Resume, RuntimeError, now_ns};
 use serde::Deserialize;
+
+use crate::process::Process;
 
 /// Time between two redraws of the live line in a terminal, nanoseconds.
 const TERMINAL_NS: u64 = 200_000_000;
 /// Time between two lines where the output is no terminal, nanoseconds.
 const FILE_NS: u64 = 2_000_000_000;
+/// Periods without a frame after which a camera counts as degraded.
+const DEGRADED_PERIODS: u64 = 5;
+/// … and the least time, nanoseconds.
+const DEGRADED_MIN_NS: u64 = 500_000_000;
 
 /// The state of a running set.
 #[derive(Debug)]
@@ -24,6 +31,9 @@ pub struct Progress {
     pub moved_ns: u64,
     /// Newest step that the judge said something of.
     judge_step: Option<u64>,
+    judge_moved_ns: u64,
+    /// Per camera: when it gave its newest frame with pixels, and whether it gives none.
+    good: Vec<(u64, bool)>,
     cameras: u64,
     steps_max: Option<u64>,
     shown_ns: u64,
@@ -56,6 +66,8 @@ impl Progress {
             e_mm: None,
             moved_ns: now_ns(),
             judge_step: None,
+            judge_moved_ns: now_ns(),
+            good: vec![(0, false); cameras.max(1)],
             cameras: cameras.max(1) as u64,
             steps_max,
             shown_ns: 0,
@@ -68,6 +80,7 @@ impl Progress {
     pub fn read(&mut self, guest: &mut Guest) -> Result<(), RuntimeError> {
         while let Some(record) = guest.records.try_next()? {
             self.figures.add(&record);
+            self.look_at_frame(&record);
             if record.kind() != Some(RecordKind::Taken) {
                 self.moved_ns = now_ns();
             }
@@ -81,7 +94,82 @@ impl Progress {
             self.judge_step = step.or(self.judge_step);
             self.e_mm = e_mm.or(self.e_mm);
             self.moved_ns = now_ns();
+            self.judge_moved_ns = self.moved_ns;
         }
+    }
+
+    fn look_at_frame(&mut self, record: &StageRecord) {
+        let is_frame = record.header.stage == Stage::Capture as u32
+            && record.kind() == Some(RecordKind::Published)
+            && record.status == FrameStatus::Ok as u32;
+        if let Some(good) = self.good.get_mut(record.camera as usize).filter(|_| is_frame) {
+            good.0 = record.header.publish_ns;
+        }
+    }
+
+    /// Cameras that have just ceased to give frames, or begun again (`false`).
+    pub fn cameras_changed(&mut self, now: u64) -> Vec<(usize, bool)> {
+        let capture = self.figures.stage(Stage::Capture);
+        let period_ns = capture.and_then(|capture| capture.interval.quantile_ns(0.5)).unwrap_or(0);
+        let limit_ns = (DEGRADED_PERIODS * period_ns).max(DEGRADED_MIN_NS);
+        let mut changed = Vec::new();
+        for (camera, (newest_ns, is_degraded)) in self.good.iter_mut().enumerate() {
+            let is_missing = *newest_ns > 0 && now.saturating_sub(*newest_ns) > limit_ns;
+            if is_missing != *is_degraded {
+                *is_degraded = is_missing;
+                changed.push((camera, is_missing));
+            }
+        }
+        changed
+    }
+
+    /// Whether a process that has ended did so because its stream had.
+    pub fn ended_in_order(&self, process: &mut Process) -> bool {
+        let said_so = match process.stage {
+            Stage::Judge | Stage::Record => process.ended_because.is_none(),
+            stage => self.figures.stage(stage).is_some_and(|figures| figures.ended),
+        };
+        said_so && process.poll().is_some_and(|status| status.success())
+    }
+
+    /// Where the successor of a stage goes on.
+    pub fn resume(&self, stage: Stage) -> Resume {
+        let figures = |stage: Stage| self.figures.stage(stage);
+        let next_set = figures(Stage::Capture).map_or(0, |capture| match capture.step {
+            Some(step) if u64::from(capture.camera) + 1 >= self.cameras => step + 1,
+            step => step.unwrap_or(0),
+        });
+        let at = Stage::PIPELINE.iter().position(|other| *other == stage);
+        let before =
+            at.and_then(|at| at.checked_sub(1)).and_then(|at| figures(Stage::PIPELINE[at]));
+        Resume {
+            next_set,
+            published: figures(stage).and_then(|figures| figures.step),
+            asked: before.and_then(|before| before.step),
+            input_ended: before.is_some_and(|before| before.ended),
+        }
+    }
+
+    /// Stages that have had input for so long and given no result, most downstream first.
+    pub fn stalled(&self, stall: Duration) -> Vec<Stage> {
+        let (now, stall_ns) = (now_ns(), stall.as_nanos() as u64);
+        let mut stalled = Vec::new();
+        let simulate = self.figures.stage(Stage::Simulate);
+        let is_old = |ns: u64| now.saturating_sub(ns) > stall_ns;
+        if simulate.and_then(|s| s.step) > self.judge_step && is_old(self.judge_moved_ns) {
+            stalled.push(Stage::Judge);
+        }
+        for pair in Stage::PIPELINE.windows(2).rev() {
+            let [before, own] = [pair[0], pair[1]].map(|stage| self.figures.stage(stage));
+            if let (Some(before), Some(own)) = (before, own)
+                && before.step > own.step
+                && is_old(own.newest_ns.max(before.first_ns))
+                && !is_old(before.newest_ns)
+            {
+                stalled.push(pair[1]);
+            }
+        }
+        stalled
     }
 
     /// The process that holds the others up: the recorder or the judge if they are behind, else

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use orime_runtime::{RunEntry, registered};
+use orime_runtime::{RunEntry, foreign_owner, registered};
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::exit::{Exit, Failure};
@@ -49,7 +49,15 @@ pub fn find(run: Option<&str>) -> Result<RunEntry, Failure> {
     entries.retain(|entry| run.is_none_or(|run| entry.run == run));
     match (entries.pop(), entries.is_empty()) {
         (Some(entry), true) => Ok(entry),
-        (None, _) => Err(Failure::usage("no such run: `orime ps` shows what runs")),
+        (None, _) => {
+            let foreign = run.and_then(|run| Some((run, foreign_owner(run.parse().ok()?)?)));
+            Err(Failure::usage(match foreign {
+                Some((run, owner)) => {
+                    format!("run {run} belongs to user {owner}: only they can attach to it")
+                }
+                None => "no such run: `orime ps` shows what runs".to_owned(),
+            }))
+        }
         _ => Err(Failure::usage("several sets run: name one, as `orime ps` shows it")),
     }
 }

@@ -8,6 +8,9 @@ use orime_record::Report as Recorded;
 use serde::Serialize;
 use serde_json::Value;
 
+use crate::events::Event;
+use crate::recovery::Recovery;
+
 /// How a run went.
 #[derive(Debug, Serialize)]
 pub struct Summary {
@@ -41,6 +44,10 @@ pub struct Summary {
     pub judge: Option<Value>,
     /// The recording, if there is one.
     pub recording: Option<RecordingSummary>,
+    /// Stages that were restarted.
+    pub restarts: Vec<Recovery>,
+    /// What happened besides the work, the first thousand.
+    pub events: Vec<Event>,
     /// Latencies per hop.
     pub report: Report,
     /// Where everything was written.
@@ -137,6 +144,15 @@ impl Summary {
         }
         if let Some(recording) = &self.recording {
             println!("  recording      {}", recording.text());
+        }
+        for restart in &self.restarts {
+            println!(
+                "  restarted      {}: {}; a state after {}, {} messages lost",
+                restart.stage,
+                restart.cause,
+                number(restart.state_ms, " ms"),
+                restart.messages_lost.unwrap_or(0),
+            );
         }
         println!("  shared memory  removed, {} objects were left", self.shared_memory_left);
         println!("  written        {}", self.out.display());

@@ -1,28 +1,37 @@
 //! `orime up`: one set, in the foreground, from check to summary.
 
+use std::fs::{File, OpenOptions};
+use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use orime_messages::FrameExtent;
+use orime_messages::{FrameExtent, PROTOCOL, Stage};
 use orime_runtime::{
-    Guest, RunEntry, RunId, Stop, clean, free_bytes, make_private_dir, needed_bytes, now_ns,
+    Guest, Pace, RunEntry, RunId, Stop, clean, free_bytes, make_private_dir, needed_bytes, now_ns,
     registered, shared_memory_of, start_ticks,
 };
+
+use rustix::fs::{FlockOperation, flock};
 
 use crate::args::Up;
 use crate::asked::Asked;
 use crate::check::{CheckedSet, check, exit_of};
+use crate::events::Events;
 use crate::exit::{Exit, Failure};
+use crate::notify::Notify;
+use crate::policy::Budget;
 use crate::progress::Progress;
 use crate::recording::Recording;
 use crate::summary::{JUDGE_SUMMARY_NAME, RecordingSummary, Summary, judge_summary, written};
-use crate::watch::{Ending, Watch};
+use crate::watch::{Deadlines, Ending, Watch};
 
 /// The set that runs when none is named.
 pub const DEFAULT_SET: &str = include_str!("../../../deploy/sets/half_fold.toml");
 /// Name under which the embedded set is written beside what it gave.
 const DEFAULT_NAME: &str = "half_fold.toml";
 
+/// Name of the file whose lock says who writes to an output folder.
+const LOCK_NAME: &str = ".lock";
 /// The summary's name in the output folder.
 const SUMMARY_NAME: &str = "run.json";
 
@@ -32,6 +41,7 @@ pub fn up(args: &Up, json: bool) -> Result<Exit, Failure> {
         Asked::listen().map_err(|error| Failure::machine(format!("handling signals: {error}")))?;
     clear_dead_runs()?;
     let (set, out) = prepare(args)?;
+    let _own = own(&out)?;
     let record = args.record.as_deref().map(new_file).transpose()?;
     check_memory(&set)?;
     let run = RunId::new();
@@ -39,9 +49,9 @@ pub fn up(args: &Up, json: bool) -> Result<Exit, Failure> {
     if !json {
         println!("run {run}: set {}, writing to {}", set.file.name, out.display());
     }
-    let ended = match begin(args, json, &set, run, record) {
+    let ended = match begin(args, json, &set, &entry, run, record) {
         Ok(mut watch) => {
-            watch.run(&set, &entry, run, &out, !args.no_judge, &asked).map(|ending| (watch, ending))
+            watch.run(&set, run, &out, !args.no_judge, &asked).map(|ending| (watch, ending))
         }
         Err(failure) => Err(failure),
     };
@@ -56,12 +66,22 @@ pub fn up(args: &Up, json: bool) -> Result<Exit, Failure> {
     unregistered.map_err(|error| Failure::machine(format!("clearing the registry: {error}")))?;
     let (mut watch, ending) = ended?;
     watch.progress.close();
+    let is_lossy = set.file.pace == Pace::Lockstep
+        && watch.recoveries.iter().any(|recovery| recovery.of() != Stage::Judge);
     let summary = Summary {
+        restarts: watch.recoveries,
+        events: watch.events.into_list(),
         recording: watch.recording.map(|recording| RecordingSummary::of(recording.close())),
         ..summarise(&set, run, &out, &watch.progress, &ending, left)
     };
     write_summary(&summary, &out, json)?;
     Ok(match ending {
+        Ending::Finished | Ending::Stopped if is_lossy => {
+            eprintln!(
+                "orime: a stage was restarted: these are not the states that lockstep promises"
+            );
+            Exit::Lossy
+        }
         Ending::Finished | Ending::Stopped => Exit::Good,
         Ending::Interrupted => Exit::Interrupted,
         Ending::Failed(message) => {
@@ -69,6 +89,35 @@ pub fn up(args: &Up, json: bool) -> Result<Exit, Failure> {
             Exit::SetFailed
         }
     })
+}
+
+/// Takes the output folder for this supervisor alone, as long as the file is open: two that write
+/// to one folder would destroy each other's figures, also where their registries differ.
+fn own(out: &Path) -> Result<File, Failure> {
+    let path = out.join(LOCK_NAME);
+    let cannot =
+        |error: std::io::Error| Failure::machine(format!("writing `{}`: {error}", path.display()));
+    let mut file = OpenOptions::new()
+        .create(true)
+        .read(true)
+        .write(true)
+        .truncate(false)
+        .open(&path)
+        .map_err(cannot)?;
+    if flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
+        let mut holder = String::new();
+        // Who it is helps, but is not needed to refuse.
+        let _ = file.read_to_string(&mut holder);
+        return Err(Failure::usage(format!(
+            "another supervisor, process {}, writes to `{}` already: give another folder with \
+             --out, or stop that one with `orime down`",
+            holder.trim(),
+            out.display()
+        )));
+    }
+    file.set_len(0).map_err(cannot)?;
+    writeln!(file, "{}", std::process::id()).map_err(cannot)?;
+    Ok(file)
 }
 
 /// Finds, checks and, where it is the embedded one, writes the set; makes its output folder.
@@ -157,6 +206,7 @@ fn register(set: &CheckedSet, run: RunId, out: &Path) -> Result<RunEntry, Failur
     let pid = std::process::id();
     let entry = RunEntry {
         run: run.to_string(),
+        protocol: PROTOCOL.to_owned(),
         pid,
         start_ticks: start_ticks(pid).unwrap_or(0),
         name: set.file.name.clone(),
@@ -176,6 +226,7 @@ fn begin(
     args: &Up,
     json: bool,
     set: &CheckedSet,
+    entry: &RunEntry,
     run: RunId,
     record: Option<PathBuf>,
 ) -> Result<Watch, Failure> {
@@ -186,8 +237,20 @@ fn begin(
         progress: Progress::new(set.steps, set.cameras.len()),
         guest,
         recording: record.map(Recording::new),
-        ready: seconds(args.ready_s),
-        stall: seconds(args.stall_s),
+        deadlines: Deadlines {
+            ready: seconds(args.ready_s),
+            stall: seconds(args.stall_s),
+            budget: Budget { restarts: args.restarts, window: seconds(args.restart_window_s) },
+        },
+        events: Events::begin(&entry.out, run.to_string())
+            .map_err(|error| Failure::machine(format!("writing the events: {error}")))?,
+        recoveries: Vec::new(),
+        entry: entry.clone(),
+        notify: Notify::from_environment(),
+        frozen: Vec::new(),
+        ending_since: [None; 2],
+        record_stages: args.record_stages,
+        log_json: args.log_json,
         quiet: json,
     })
 }
@@ -239,6 +302,8 @@ fn summarise(
         shared_memory_left: left,
         judge: judge_summary(out),
         recording: None,
+        restarts: Vec::new(),
+        events: Vec::new(),
         report: figures.report(now_ns()),
         out: out.to_owned(),
         written: written(out, SUMMARY_NAME),

@@ -2,6 +2,7 @@
 
 use crate::folds::Folds;
 use crate::lines::LineFinder;
+use crate::paper::{ClusterFit, Clustering};
 use crate::params::{CreaseConfig, CreaseMode};
 use orime_geometry::SheetGrid;
 
@@ -16,6 +17,7 @@ pub struct CreaseFinder {
 enum Method {
     Off,
     Lines(Box<LineFinder>),
+    Paper(Box<Clustering>),
 }
 
 impl CreaseFinder {
@@ -23,8 +25,9 @@ impl CreaseFinder {
     pub fn new(config: &CreaseConfig, sheet: &SheetGrid) -> Self {
         let method = match config.params.mode {
             CreaseMode::Off => Method::Off,
-            CreaseMode::Lines | CreaseMode::Paper => {
-                Method::Lines(Box::new(LineFinder::new(config, sheet)))
+            CreaseMode::Lines => Method::Lines(Box::new(LineFinder::new(config, sheet))),
+            CreaseMode::Paper => {
+                Method::Paper(Box::new(Clustering::new(&config.params.paper, sheet)))
             }
         };
         Self { folds: Folds::flat(sheet), method }
@@ -39,6 +42,7 @@ impl CreaseFinder {
         match &mut self.method {
             Method::Off => false,
             Method::Lines(lines) => lines.step(&mut self.folds, positions_m, confidence),
+            Method::Paper(paper) => paper.step(&mut self.folds, positions_m, confidence),
         }
     }
 
@@ -54,14 +58,27 @@ impl CreaseFinder {
 
     /// The facet or, in the paper's mode, the cluster of every node.
     pub fn clusters(&self) -> &[u8] {
-        self.folds.facet_of_node()
+        match &self.method {
+            Method::Off | Method::Lines(_) => self.folds.facet_of_node(),
+            Method::Paper(paper) => &paper.labels,
+        }
+    }
+
+    /// The paper's mode: how well each cluster fits; empty in the others.
+    pub fn cluster_fits(&self) -> &[ClusterFit] {
+        match &self.method {
+            Method::Off | Method::Lines(_) => &[],
+            Method::Paper(paper) => &paper.fits,
+        }
     }
 
     /// Forgets all creases.
     pub fn reset(&mut self) {
         self.folds = Folds::flat(&self.folds.sheet().clone());
-        if let Method::Lines(lines) = &mut self.method {
-            lines.reset(&self.folds);
+        match &mut self.method {
+            Method::Off => {}
+            Method::Lines(lines) => lines.reset(&self.folds),
+            Method::Paper(paper) => paper.reset(),
         }
     }
 }

@@ -12,6 +12,8 @@ pub const FACETS_MAX: usize = 32;
 pub const ORDER_APART_M: f64 = 4e-3;
 /// A node nearer than this share of the spacing to a facet counts as the facet's too.
 const MARGIN: f64 = 0.25;
+/// Corners nearer than this are one, metres.
+const SAME_M: f64 = 1e-8;
 /// A node keeps its facet until it lies so far outside of it, as a share of the spacing.
 const STICKY: f64 = 0.2;
 /// Shortest crease, as a share of the spacing.
@@ -62,11 +64,15 @@ impl Facet {
         if !parts.iter().all(wide) {
             return None;
         }
-        let [left, right] = parts.map(|mut corners_m| {
-            corners_m.dedup_by(|a, b| (a[0] - b[0]).hypot(a[1] - b[1]) < 1e-9);
+        let same = |a: &[f64; 2], b: &[f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]) < SAME_M;
+        let facets = parts.map(|mut corners_m| {
+            corners_m.dedup_by(|a, b| same(a, b));
+            if corners_m.len() > 1 && same(&corners_m[0], &corners_m[corners_m.len() - 1]) {
+                corners_m.pop();
+            }
             Facet { corners_m }
         });
-        Some([left, right])
+        facets.iter().all(|facet| facet.corners_m.len() >= 3).then_some(facets)
     }
 }
 
@@ -448,6 +454,38 @@ mod tests {
         // The flap lies where the lower normal points, and the lower part where the flap's does.
         assert_eq!(folds.order(flap, low), 1);
         assert_eq!(folds.order(low, flap), 1); // And the lower part where the flap's points.
+    }
+
+    #[test]
+    fn mountains_are_positive_and_valleys_negative() {
+        let (p, q) = ([0.075, 0.0], [0.075, 0.15]);
+        // Lifting a part makes a valley on the side that u × v points to; either way round.
+        for (line, lift, positive) in
+            [((p, q), 1.0, false), ((q, p), 1.0, false), ((p, q), -1.0, true), ((q, p), -1.0, true)]
+        {
+            let mut folds = Folds::flat(&sheet());
+            folds.split(0, &Line::through(line.0, line.1)).unwrap();
+            folds.observe(&folded(lift * 0.5));
+            let angle_rad = folds.creases()[0].angle_rad;
+            assert!((angle_rad.abs() - 0.5).abs() < 1e-6);
+            assert_eq!(angle_rad > 0.0, positive, "{line:?} lifted by {lift}");
+        }
+    }
+
+    #[test]
+    fn retiling_keeps_angles_order_and_nodes_on_creases() {
+        let mut folds = Folds::flat(&sheet());
+        folds.split(0, &Line::through([0.075, 0.0], [0.075, 0.15])).unwrap();
+        folds.observe(&folded(1.0));
+        let (before, label) = (folds.clone(), folds.facet_of_node()[12 * 25]);
+        let mut facets = folds.facets().to_vec();
+        facets.reverse();
+        folds.retile(facets, &[1, 0]);
+        assert_eq!(folds.order(0, 1), before.order(1, 0));
+        assert_eq!(folds.facet_of_node()[12 * 25], 1 - label);
+        assert_eq!(folds.facet_of_node()[0], 1 - before.facet_of_node()[0]);
+        let [now, then] = [&folds, &before].map(|f| f.creases()[0].angle_rad.abs());
+        assert!((now - then).abs() < 1e-12);
     }
 
     #[test]

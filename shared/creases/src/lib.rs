@@ -8,6 +8,7 @@ mod finder;
 mod folds;
 mod line;
 mod lines;
+mod paper;
 mod params;
 #[cfg(feature = "trial")]
 pub mod trial;
@@ -15,4 +16,5 @@ pub mod trial;
 pub use finder::CreaseFinder;
 pub use folds::{Crease, FACETS_MAX, Facet, FacetFrame, Folds, ORDER_APART_M};
 pub use line::Line;
-pub use params::{CreaseConfig, CreaseMode, CreaseParams};
+pub use paper::ClusterFit;
+pub use params::{CreaseConfig, CreaseMode, CreaseParams, Lock, PaperParams};

@@ -12,15 +12,17 @@ mod hinge;
 mod moments;
 mod nodes;
 mod normal;
+mod plan;
 mod search;
+mod snap;
 mod tree;
 
-use crate::folds::Folds;
+use crate::folds::{Crease, Facet, Folds};
 use crate::line::Line;
 use crate::params::{CreaseConfig, CreaseParams};
 use candidates::{Candidate, Judge, View, bends};
 use estimate::Estimate;
-use hinge::{Hinge, Window};
+use hinge::{Bends, Hinge, Window};
 use nodes::Nodes;
 use orime_geometry::SheetGrid;
 use tree::{Cut, Side, Tree};
@@ -31,10 +33,12 @@ const DIRECTIONS: usize = 36;
 const PART_MIN: (f64, f64) = (1.2, 6.0);
 /// A published line follows its estimate where their distance in the sheet exceeds this, spacings.
 const PUBLISH: f64 = 0.06;
+/// Standard deviations, and spacings at most, that a landmark may be off more than told.
+const UNSURE: (f64, f64) = (3.0, 0.5);
 /// A crease is undone after so many steps below the first angle, unless it ever passed the second.
 const UNDO: (u32, f64, f64) = (20, 10.0, 45.0);
 /// How far the measurement of a crease looks on both sides, spacings.
-const REACH: f64 = 9.0;
+const REACH: f64 = 4.0;
 /// Creases whose line is measured in one step.
 const MEASURED_MAX: usize = 3;
 
@@ -49,6 +53,8 @@ pub(crate) struct LineFinder {
     members: Vec<Vec<u32>>,
     candidates: Vec<Vec<Candidate>>,
     next_crease: usize,
+    /// Successive steps in which each sample of each planned line bent.
+    plan_hits: Vec<[u32; plan::SAMPLES.len()]>,
 }
 
 impl LineFinder {
@@ -62,6 +68,7 @@ impl LineFinder {
             members: vec![Vec::new(); facets_max],
             candidates: (0..facets_max).map(|_| Judge::candidates()).collect(),
             next_crease: 0,
+            plan_hits: vec![[0; plan::SAMPLES.len()]; config.plan.len()],
         };
         finder.reset(&Folds::flat(sheet));
         finder
@@ -72,6 +79,7 @@ impl LineFinder {
         self.tree.clear();
         self.candidates.iter_mut().for_each(Vec::clear);
         self.next_crease = 0;
+        self.plan_hits.fill([0; plan::SAMPLES.len()]);
         self.list_members(flat);
     }
 
@@ -85,6 +93,7 @@ impl LineFinder {
         self.nodes.read(positions_m, confidence);
         let mut changed = self.measure(folds);
         changed |= self.undo(folds);
+        changed |= self.follow_plan(folds);
         for facet in 0..folds.facets().len() {
             self.look(folds, facet);
             changed |= self.split_where_sure(folds, facet);
@@ -123,10 +132,27 @@ impl LineFinder {
             // Earlier splits of this step may have put it into another part.
             let part = folds.facet_at(hinge.middle_m());
             if (part == facet || part >= before) && self.is_wide(folds, part, &hinge.line) {
-                self.split(folds, part, &hinge);
+                self.split(folds, part, &hinge, false);
             }
         }
+        if folds.facets().len() > before {
+            self.move_candidates(folds, facet);
+        }
         folds.facets().len() > before
+    }
+
+    /// Hands a facet's candidates to the parts that they lie in.
+    fn move_candidates(&mut self, folds: &Folds, facet: usize) {
+        let mut at = 0;
+        while at < self.candidates[facet].len() {
+            let part = folds.facet_at(self.candidates[facet][at].hinge.middle_m());
+            if part == facet {
+                at += 1;
+            } else {
+                let candidate = self.candidates[facet].swap_remove(at);
+                self.candidates[part].push(candidate);
+            }
+        }
     }
 
     fn is_wide(&self, folds: &Folds, facet: usize, line: &Line) -> bool {
@@ -143,17 +169,44 @@ impl LineFinder {
         wide && folds.facets().len() < self.config.params.facets_max
     }
 
-    fn split(&mut self, folds: &mut Folds, facet: usize, hinge: &Hinge) {
-        let Some(new) = folds.split(facet, &hinge.line) else { return };
+    /// Splits a facet at a fold; true where that was possible.
+    fn split(&mut self, folds: &mut Folds, facet: usize, hinge: &Hinge, planned: bool) -> bool {
+        let known = if planned { Some(hinge.line) } else { None };
+        let known = known.or_else(|| self.planned(&hinge.line, hinge.middle_m()));
+        let mut estimate = Estimate::new(hinge, self.nodes.h_m);
+        estimate.fixed = known.is_some();
+        let snapped = self.at_landmarks(&estimate, &folds.facets()[facet], folds.facets());
+        let line = known.or(snapped).unwrap_or(hinge.line);
+        estimate.publish(line, known.is_none() && snapped.is_some());
+        let Some(new) = folds.split(facet, &line) else { return false };
         let cut = Cut {
             sides: [Side::Facet(facet), Side::Facet(new)],
-            estimate: Estimate::new(hinge, self.nodes.h_m),
+            estimate,
             sign: hinge.sign,
             angle_max_rad: hinge.angle_rad,
             unfolded: 0,
         };
         self.tree.split(facet, new, cut);
         self.list_members(folds);
+        true
+    }
+
+    /// An estimate's best line, put on landmarks of the piece that it parts, where some are near.
+    fn at_landmarks(&self, estimate: &Estimate, piece: &Facet, facets: &[Facet]) -> Option<Line> {
+        let snap_m = self.config.params.snap * self.nodes.h_m;
+        let best = estimate.best();
+        if snap_m <= 0.0 {
+            return None;
+        }
+        // Its own ends are no landmarks.
+        let others = facets.iter().flat_map(|facet| facet.corners_m.iter().copied());
+        let others = others.filter(|p| estimate.line.side_m(*p).abs() > snap::ON_BORDER_M);
+        snap::snap(&best, piece, others, |end| snap_m + self.unsure_m(estimate, end))
+    }
+
+    /// How far an end of a line may be off by noise, metres.
+    fn unsure_m(&self, estimate: &Estimate, end: [f64; 2]) -> f64 {
+        (UNSURE.0 * estimate.deviation_m(end)).min(UNSURE.1 * self.nodes.h_m)
     }
 
     /// Measures the lines of some creases, and moves those that are clearly elsewhere.
@@ -166,17 +219,21 @@ impl LineFinder {
                 self.measure_crease(folds, cut, f, g);
             }
         }
-        let h_m = self.nodes.h_m;
-        let is_off = |folds: &Folds, tree: &Tree| {
-            folds.creases().iter().any(|crease| {
-                let Some(cut) = tree.between(crease.facets[0], crease.facets[1]) else {
-                    return false;
-                };
-                let best = tree.cuts[cut].estimate.best();
-                crease.ends_m.iter().any(|end| best.side_m(*end).abs() > PUBLISH * h_m)
-            })
+        count > 0 && folds.creases().iter().any(|c| self.is_off(c)) && self.publish(folds)
+    }
+
+    /// Whether a crease is shown clearly elsewhere than it is.
+    fn is_off(&self, crease: &Crease) -> bool {
+        let [f, g] = crease.facets;
+        let Some(cut) = self.tree.between(f, g) else { return false };
+        let estimate = &self.tree.cuts[cut].estimate;
+        let (best, h_m) = (estimate.best(), self.nodes.h_m);
+        let far = |end: &[f64; 2]| {
+            let snap_m = self.config.params.snap * h_m + self.unsure_m(estimate, *end);
+            let landmark_m = if estimate.at_landmarks { snap_m } else { 0.0 };
+            best.side_m(*end).abs() > PUBLISH * h_m + landmark_m
         };
-        count > 0 && is_off(folds, &self.tree) && self.publish(folds)
+        !estimate.fixed && crease.ends_m.iter().any(far)
     }
 
     fn measure_crease(&mut self, folds: &Folds, cut: usize, f: usize, g: usize) {
@@ -196,7 +253,9 @@ impl LineFinder {
         let piece = strip(ends_m, 4.0 * h_m);
         let window = Window { line, reach_m: reach_m.map(|r| r.min(REACH * h_m)), piece: &piece };
         let both = members[0].iter().chain(members[1]).copied();
-        let bends = bends(&self.config.params, h_m);
+        // Rivals have lost already.
+        let angle_rad = f64::INFINITY;
+        let bends = Bends { angle_rad, ..bends(&self.config.params, h_m) };
         let Some(hinge) = self.judge.fitter.fit(&self.nodes, both, window, 2, bends) else {
             return;
         };
@@ -204,14 +263,20 @@ impl LineFinder {
         known.angle_max_rad = known.angle_max_rad.max(hinge.angle_rad);
         let flat = hinge.angle_rad < UNDO.1.to_radians();
         known.unfolded = if flat { known.unfolded + 1 } else { 0 };
-        if !flat && hinge.narrow_m2 < hinge.wide_m2 {
+        if !flat && hinge.narrow_m2 < hinge.smooth_m2 {
             known.estimate.measure(&hinge, h_m);
         }
     }
 
     /// Puts all published lines where the estimates are.
     fn publish(&mut self, folds: &mut Folds) -> bool {
-        self.tree.cuts.iter_mut().for_each(|cut| cut.estimate.publish());
+        for cut in 0..self.tree.cuts.len() {
+            let estimate = self.tree.cuts[cut].estimate;
+            let piece = self.tree.piece(cut).filter(|_| !estimate.fixed);
+            let snapped = piece.and_then(|p| self.at_landmarks(&estimate, &p, folds.facets()));
+            let best = if estimate.fixed { estimate.line } else { estimate.best() };
+            self.tree.cuts[cut].estimate.publish(snapped.unwrap_or(best), snapped.is_some());
+        }
         let Some(facets) = self.tree.facets() else {
             self.tree.cuts.iter_mut().for_each(|cut| cut.estimate.withdraw());
             return false;
@@ -248,8 +313,6 @@ impl LineFinder {
 /// A rectangle along a crease, `2 · half_m` wide.
 fn strip([a, b]: [[f64; 2]; 2], half_m: f64) -> [[f64; 2]; 4] {
     let d = Line::through(a, b).direction;
-    let at = |p: [f64; 2], sign: f64| {
-        [p[0] - sign * half_m * d[1], p[1] + sign * half_m * d[0]]
-    };
+    let at = |p: [f64; 2], sign: f64| [p[0] - sign * half_m * d[1], p[1] + sign * half_m * d[0]];
     [at(a, -1.0), at(b, -1.0), at(b, 1.0), at(a, 1.0)]
 }

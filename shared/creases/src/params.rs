@@ -31,7 +31,7 @@ pub struct CreaseParams {
     /// Steps in which it must look like a fold. More are surer and later. Default 2.
     pub hits: u32,
     /// Log-likelihood ratio by which a narrow bend must beat wide and smooth ones, summed over
-    /// steps. Higher values are surer and later. Default 10.
+    /// steps. Higher values are surer and later. Default 7.
     pub evidence: f64,
     /// Bends narrower than this many spacings count as creases. Default 2.5.
     pub bend_width: f64,
@@ -43,6 +43,59 @@ pub struct CreaseParams {
     /// Lines that are about to be folded: two material points each, metres. Such a crease is freed
     /// at half the angle, where bending is seen at it. Default none.
     pub plan: Vec<[[f64; 2]; 2]>,
+    /// The paper's clustering, for mode `"paper"`.
+    pub paper: PaperParams,
+}
+
+/// When a cluster may split again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Lock {
+    /// After any split none, until the whole sheet is thin.
+    #[default]
+    Global,
+    /// After its own split, until it is thin itself.
+    Cluster,
+    /// At once.
+    None,
+}
+
+/// The paper's clustering.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PaperParams {
+    /// Replaces the three small variances, m². Default 1e-6, the paper's (1 mm)².
+    pub s_m2: f64,
+    /// A cluster that is less flat than this splits: √((λ₃ + λ₄ + λ₅)/(λ₁ + λ₂)). Default 0.13.
+    pub r_div: f64,
+    /// Third spatial variance below which nodes count as fixed, m². Default 6.4e-5, (8 mm)².
+    pub r_fix_m2: f64,
+    /// `"global"`, `"cluster"` or `"none"`. Default `"global"`.
+    pub lock: Lock,
+    /// Most k-means iterations of a step; more converge sooner and cost more. Default 20.
+    pub iterations: u32,
+}
+
+impl Default for PaperParams {
+    fn default() -> Self {
+        Self { s_m2: 1e-6, r_div: 0.13, r_fix_m2: 6.4e-5, lock: Lock::Global, iterations: 20 }
+    }
+}
+
+impl PaperParams {
+    fn check(&self) -> Result<(), Vec<Problem>> {
+        let Self { s_m2, r_div, r_fix_m2, lock: _, iterations } = self;
+        let mut checker = Checker::new();
+        let mut within = |key: &str, value: f64, low: f64, high: f64, unit: &str| {
+            let requirement = format!("must be {low} to {high} {unit}");
+            checker.require(low <= value && value <= high, key, value, requirement.trim_end());
+        };
+        within("s_m2", *s_m2, 1e-12, 1.0, "m²");
+        within("r_div", *r_div, 0.01, 1.0, "");
+        within("r_fix_m2", *r_fix_m2, 1e-12, 1.0, "m²");
+        within("iterations", f64::from(*iterations), 1.0, 1000.0, "");
+        checker.finish(|| ())
+    }
 }
 
 impl Default for CreaseParams {
@@ -51,11 +104,12 @@ impl Default for CreaseParams {
             mode: CreaseMode::Lines,
             angle_min_deg: 12.0,
             hits: 2,
-            evidence: 10.0,
+            evidence: 7.0,
             bend_width: 2.5,
             snap: 0.0,
             facets_max: FACETS_MAX,
             plan: Vec::new(),
+            paper: PaperParams::default(),
         }
     }
 }
@@ -63,8 +117,17 @@ impl Default for CreaseParams {
 impl CreaseParams {
     /// Checks the section; every problem at once.
     pub fn check(&self) -> Result<CreaseConfig, Vec<Problem>> {
-        let Self { mode: _, angle_min_deg, hits, evidence, bend_width, snap, facets_max, plan } =
-            self;
+        let Self {
+            mode: _,
+            angle_min_deg,
+            hits,
+            evidence,
+            bend_width,
+            snap,
+            facets_max,
+            plan,
+            paper,
+        } = self;
         let mut checker = Checker::new();
         let mut within = |key: &str, value: f64, low: f64, high: f64, unit: &str| {
             let requirement = format!("must be {low} to {high} {unit}");
@@ -83,6 +146,9 @@ impl CreaseParams {
             plan,
             "the two points of a line must be at least 0.1 mm apart",
         );
+        if let Err(problems) = paper.check() {
+            checker.nested("paper", problems);
+        }
         checker.finish(|| CreaseConfig {
             params: self.clone(),
             plan: plan.iter().map(|[a, b]| Line::through(*a, *b)).collect(),
@@ -95,4 +161,38 @@ impl CreaseParams {
 pub struct CreaseConfig {
     pub(crate) params: CreaseParams,
     pub(crate) plan: Vec<Line>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn defaults_pass_and_are_the_documented_ones() {
+        let CreaseParams {
+            mode, angle_min_deg, hits, evidence, bend_width, snap, facets_max, ..
+        } = CreaseParams::default();
+        assert_eq!((mode, hits, facets_max), (CreaseMode::Lines, 2, 32));
+        assert_eq!((angle_min_deg, evidence, bend_width, snap), (12.0, 7.0, 2.5, 0.0));
+        let PaperParams { s_m2, r_div, r_fix_m2, lock, iterations } = PaperParams::default();
+        assert_eq!((s_m2, r_div, r_fix_m2), (1e-6, 0.13, 6.4e-5));
+        assert_eq!((lock, iterations), (Lock::Global, 20));
+        assert!(CreaseParams::default().check().is_ok());
+    }
+
+    #[test]
+    fn nonsense_is_reported_whole() {
+        let params = CreaseParams {
+            angle_min_deg: f64::NAN,
+            hits: 0,
+            facets_max: 33,
+            plan: vec![[[0.1, 0.1], [0.1, 0.1]]],
+            paper: PaperParams { s_m2: 0.0, iterations: 0, ..Default::default() },
+            ..Default::default()
+        };
+        let keys: Vec<String> = params.check().unwrap_err().into_iter().map(|p| p.key).collect();
+        let expected =
+            ["angle_min_deg", "hits", "facets_max", "plan", "paper.s_m2", "paper.iterations"];
+        assert_eq!(keys, expected);
+    }
 }

@@ -3,7 +3,9 @@
 mod noise;
 mod scene;
 mod score;
+mod summary;
 
 pub use noise::{Noise, Random};
 pub use scene::{Scene, SceneKind, TrueCrease};
 pub use score::{Score, score};
+pub use summary::{Goals, Summary};

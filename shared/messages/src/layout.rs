@@ -15,6 +15,38 @@ pub const HASH_DIGITS: usize = 16;
 pub trait Layout {
     /// Hash over field names, offsets, sizes and types, recursively.
     const HASH: u64;
+
+    /// What it looks like, for programs in other languages.
+    fn shape() -> Shape;
+}
+
+/// What a type looks like in memory.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Shape {
+    /// A number, by Rust's name.
+    Scalar(&'static str),
+    /// So many of one type, one after the other.
+    Array(Box<Shape>, usize),
+    /// Fields in order, without gaps that mean anything.
+    Struct {
+        /// Rust's name.
+        name: &'static str,
+        /// Its size, bytes.
+        size: usize,
+        /// Its fields.
+        fields: Vec<FieldShape>,
+    },
+}
+
+/// One field of a [`Shape::Struct`].
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FieldShape {
+    /// Its name.
+    pub name: &'static str,
+    /// Bytes from the beginning of the struct.
+    pub offset: usize,
+    /// What it is.
+    pub shape: Shape,
 }
 
 /// Continues a hash over bytes (FNV-1a, 64 bits).
@@ -65,13 +97,21 @@ macro_rules! scalar_layouts {
     ($($scalar:ty),*) => {
         $(impl Layout for $scalar {
             const HASH: u64 = named(stringify!($scalar));
+
+            fn shape() -> Shape {
+                Shape::Scalar(stringify!($scalar))
+            }
         })*
     };
 }
-scalar_layouts!(u8, u16, u32, u64, f32, f64);
+scalar_layouts!(i8, u8, u16, u32, u64, f32, f64);
 
 impl<T: Layout, const N: usize> Layout for [T; N] {
     const HASH: u64 = mix_u64(mix(T::HASH, b"array"), N as u64);
+
+    fn shape() -> Shape {
+        Shape::Array(Box::new(T::shape()), N)
+    }
 }
 
 /// Gives a `repr(C)` struct of another crate a layout hash. Every field must be listed: the
@@ -91,6 +131,18 @@ macro_rules! layout {
                 );)*
                 hash
             };
+
+            fn shape() -> $crate::layout::Shape {
+                $crate::layout::Shape::Struct {
+                    name: stringify!($name),
+                    size: ::core::mem::size_of::<$name>(),
+                    fields: vec![$($crate::layout::FieldShape {
+                        name: stringify!($field),
+                        offset: ::core::mem::offset_of!($name, $field),
+                        shape: <$type as $crate::layout::Layout>::shape(),
+                    }),*],
+                }
+            }
         }
         const _: fn(&$name) = |value| {
             let $name { $($field),* } = value;

@@ -4,6 +4,7 @@
 //! its fields, so that two programs that disagree never talk to each other.
 
 mod cloud;
+mod folds;
 mod frame;
 mod gripper;
 mod header;
@@ -14,6 +15,7 @@ mod sheet;
 use bytemuck::Pod;
 
 pub use cloud::{EDGELS_MAX, FEATURES_MAX, ObservedCloud, POINTS_MAX};
+pub use folds::{CORNERS_MAX, CREASES_MAX, CreaseMeta, FoldsMeta};
 pub use frame::{
     CAMERA_NAME_MAX, CAMERAS_MAX, CameraMeta, FRAME_ALIGNMENT, FrameExtent, FrameMeta, FrameStatus,
     LensMeta, PoseMeta,
@@ -22,6 +24,28 @@ pub use gripper::{GRIPPERS_MAX, GripperMeta, Grippers};
 pub use header::{ClockDomain, FLAG_END, Header, Stage};
 pub use record::{Drops, RecordKind, StageRecord, WHOLE_SET};
 pub use sheet::{RegisterFigures, SheetState, Targets, Truth};
+
+const LAYOUTS: u64 = {
+    let hash = layout::named("orime");
+    let hash = layout::mix_u64(hash, <FrameMeta as layout::Layout>::HASH);
+    let hash = layout::mix_u64(hash, <ObservedCloud as layout::Layout>::HASH);
+    let hash = layout::mix_u64(hash, <Targets as layout::Layout>::HASH);
+    let hash = layout::mix_u64(hash, <SheetState as layout::Layout>::HASH);
+    let hash = layout::mix_u64(hash, <Truth as layout::Layout>::HASH);
+    let hash = layout::mix_u64(hash, <Grippers as layout::Layout>::HASH);
+    layout::mix_u64(hash, <StageRecord as layout::Layout>::HASH)
+};
+
+/// Version and layouts of all messages: `orime-VERSION.HASH`. Processes that do not agree in it
+/// refuse each other before they open a channel.
+pub const PROTOCOL: &str = {
+    const BASE: &str = concat!("orime-", env!("CARGO_PKG_VERSION"));
+    const BYTES: [u8; BASE.len() + 1 + layout::HASH_DIGITS] = layout::type_name(BASE, LAYOUTS);
+    match core::str::from_utf8(&BYTES) {
+        Ok(text) => text,
+        Err(_) => panic!("versions are ASCII"),
+    }
+};
 
 /// Plain old data that begins with a [`Header`] and is named after its layout.
 pub trait Message: Pod + layout::Layout {

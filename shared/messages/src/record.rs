@@ -18,19 +18,41 @@ pub struct Drops {
     pub rejected: u64,
     /// Too old to be worth the work.
     pub expired: u64,
+    /// Lost with a process of this stage that died, or sent before its successor was there.
+    pub restart: u64,
 }
-layout!(Drops { overflow: u64, superseded: u64, unmatched: u64, rejected: u64, expired: u64 });
+layout!(Drops {
+    overflow: u64,
+    superseded: u64,
+    unmatched: u64,
+    rejected: u64,
+    expired: u64,
+    restart: u64,
+});
 
 impl Drops {
     /// Causes and counts, in a fixed order.
-    pub fn by_cause(&self) -> [(&'static str, u64); 5] {
+    pub fn by_cause(&self) -> [(&'static str, u64); 6] {
         [
             ("overflow", self.overflow),
             ("superseded", self.superseded),
             ("unmatched", self.unmatched),
             ("rejected", self.rejected),
             ("expired", self.expired),
+            ("restart", self.restart),
         ]
+    }
+
+    /// These and those, cause by cause.
+    pub fn plus(&self, other: &Drops) -> Drops {
+        Drops {
+            overflow: self.overflow + other.overflow,
+            superseded: self.superseded + other.superseded,
+            unmatched: self.unmatched + other.unmatched,
+            rejected: self.rejected + other.rejected,
+            expired: self.expired + other.expired,
+            restart: self.restart + other.restart,
+        }
     }
 
     /// All of them.
@@ -80,8 +102,14 @@ message! {
         pub frame_copies: u32,
         /// Bytes of the message taken or published.
         pub bytes: u64,
-        /// Losses of this stage so far.
+        /// Losses of this process so far.
         pub drops: Drops,
+        /// Loans of this process so far that had to wait for a free message.
+        pub loan_waits: u64,
+        /// Messages that this process has taken and not begun with.
+        pub queue_depth: u32,
+        /// The most of these that there ever were.
+        pub queue_high: u32,
     }
 }
 
@@ -97,4 +125,4 @@ impl StageRecord {
     }
 }
 
-const _: () = assert!(size_of::<StageRecord>() == 72 + 8 + 32 + 8 + 8 + 40);
+const _: () = assert!(size_of::<StageRecord>() == 72 + 8 + 32 + 8 + 8 + 48 + 16);

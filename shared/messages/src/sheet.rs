@@ -2,6 +2,7 @@
 
 use orime_geometry::sheet::NODES_MAX;
 
+use crate::folds::FoldsMeta;
 use crate::{Header, layout, message};
 
 /// What registration said about a step; copied through into the state.
@@ -50,7 +51,7 @@ message! {
 
 message! {
     /// The tracked sheet after one step.
-    pub struct SheetState as "orime.SheetState.v1" {
+    pub struct SheetState as "orime.SheetState.v2" {
         /// Lineage and times.
         pub header: Header,
         /// What registration said about this step.
@@ -67,8 +68,12 @@ message! {
         pub reserved: u32,
         /// Extent along u and v, metres.
         pub size_m: [f64; 2],
+        /// Facets, creases and layer order; none where nothing is known yet.
+        pub folds: FoldsMeta,
         /// World frame, metres.
         pub positions_m: [[f32; 3]; NODES_MAX],
+        /// Where the nodes are expected one step later, world frame, metres.
+        pub predicted_m: [[f32; 3]; NODES_MAX],
     }
 }
 
@@ -90,6 +95,11 @@ impl SheetState {
     /// The nodes' positions.
     pub fn positions_m(&self) -> &[[f32; 3]] {
         &self.positions_m[..(self.n_nodes as usize).min(NODES_MAX)]
+    }
+
+    /// Where the nodes are expected one step later.
+    pub fn predicted_m(&self) -> &[[f32; 3]] {
+        &self.predicted_m[..(self.n_nodes as usize).min(NODES_MAX)]
     }
 }
 
@@ -113,5 +123,6 @@ impl Truth {
 }
 
 const _: () = assert!(size_of::<Targets>() == 72 + 24 + 8 + 16 * NODES_MAX);
-const _: () = assert!(size_of::<SheetState>() == 72 + 24 + 24 + 16 + 12 * NODES_MAX);
+const _: () =
+    assert!(size_of::<SheetState>() == 72 + 24 + 24 + 16 + size_of::<FoldsMeta>() + 24 * NODES_MAX);
 const _: () = assert!(size_of::<Truth>() == 72 + 8 + 12 * NODES_MAX);

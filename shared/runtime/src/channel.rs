@@ -46,6 +46,8 @@ pub struct Channel<M> {
     pub subscribers_max: usize,
     /// Whether the counts of [`Qos`] are per camera.
     pub per_camera: bool,
+    /// Newest messages that one who subscribes late is given.
+    pub history: usize,
     /// Whether a sent message wakes the subscribers; they look for themselves otherwise.
     pub wakes: bool,
     pub(crate) message: PhantomData<M>,
@@ -71,6 +73,7 @@ const fn channel<M>(name: &'static str, lockstep: Qos, realtime: Qos) -> Channel
         subscribers_max: 3,
         per_camera: false,
         wakes: true,
+        history: 0,
         message: PhantomData,
     }
 }
@@ -83,9 +86,13 @@ pub const FRAME: Channel<FrameMeta> =
 pub const CLOUD: Channel<ObservedCloud> = channel("orime/cloud", lossless(2), newest_wins(2, 3));
 /// register → simulate.
 pub const TARGETS: Channel<Targets> = channel("orime/targets", lossless(2), newest_wins(2, 3));
-/// simulate → register, judge, recorder, robot, viewer.
-pub const STATE: Channel<SheetState> =
-    Channel { subscribers_max: 6, ..channel("orime/state", lossless(4), newest_wins(2, 4)) };
+/// simulate → register, judge, recorder, robot, viewer. A register that is restarted, or a viewer,
+/// begins with the newest state.
+pub const STATE: Channel<SheetState> = Channel {
+    subscribers_max: 8,
+    history: 1,
+    ..channel("orime/state", lossless(4), newest_wins(2, 4))
+};
 /// capture → judge, recorder. Capture runs ahead of the states by all that is on its way, so this
 /// holds more than the other channels together.
 pub const TRUTH: Channel<Truth> = channel("orime/truth", lossless(16), newest_wins(16, 16));
@@ -98,7 +105,7 @@ pub const RECORD: Channel<StageRecord> = Channel {
     publishers_max: 8,
     subscribers_max: 6,
     wakes: false,
-    ..channel("orime/record", newest_wins(512, 4), newest_wins(512, 4))
+    ..channel("orime/record", newest_wins(512, 128), newest_wins(512, 128))
 };
 
 impl<M> Channel<M> {
@@ -111,17 +118,18 @@ impl<M> Channel<M> {
         let per = if self.per_camera { cameras } else { 1 };
         Qos {
             overflow: qos.overflow,
-            // One more of each for the end of the stream.
-            buffer: per * qos.buffer + 1,
-            borrowed: per * qos.borrowed + 1,
-            pool: qos.pool.map(|pool| per * pool + 1),
+            // One more of each for the end of the stream, and what the channel keeps for others.
+            buffer: per * qos.buffer + 1 + self.history,
+            borrowed: per * qos.borrowed + 1 + self.history,
+            pool: qos.pool.map(|pool| per * pool + 1 + self.history),
         }
     }
 
     /// Messages in one publisher's pool, as iceoryx2 reserves them.
     pub fn pool(&self, pace: Pace, cameras: usize) -> usize {
         let qos = self.qos(pace, cameras);
-        let worst_case = self.subscribers_max * (qos.buffer + qos.borrowed) + LOANS_MAX;
+        let worst_case =
+            self.subscribers_max * (qos.buffer + qos.borrowed) + self.history + LOANS_MAX;
         qos.pool.map_or(worst_case, |pool| pool.min(worst_case))
     }
 }

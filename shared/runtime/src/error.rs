@@ -16,6 +16,27 @@ pub enum RuntimeError {
         /// The argument or variable that a supervisor passes.
         missing: &'static str,
     },
+    /// Programs that were not built together.
+    #[error(
+        "{program} speaks `{own}`, its supervisor `{other}`: build all of Orime from one source \
+         (`cargo build --release --workspace`) and start the set again"
+    )]
+    Protocol {
+        /// The program that refuses.
+        program: String,
+        /// What it speaks.
+        own: &'static str,
+        /// What the run speaks.
+        other: String,
+    },
+    /// The run belongs to somebody else.
+    #[error("run {run} belongs to user {owner}: only they can attach to it")]
+    Foreign {
+        /// The run.
+        run: crate::RunId,
+        /// Name or number of its owner.
+        owner: String,
+    },
     /// The set file.
     #[error(transparent)]
     Set(#[from] crate::SetError),

@@ -7,7 +7,7 @@ use crate::error::RuntimeError;
 use crate::link::{Identity, Link, Mode};
 use crate::now_ns;
 use crate::registry::RunEntry;
-use crate::run::RunId;
+use crate::run::{RunId, foreign_owner};
 use crate::stop::Stop;
 use crate::subscribe::{FrameSubscription, Subscription};
 
@@ -34,7 +34,10 @@ impl Guest {
     ) -> Result<Self, RuntimeError> {
         // Joining would make the run's directory: a run that is not there must stay so.
         if !first && !run.ipc_dir().exists() {
-            return Err(RuntimeError::NoRun { run });
+            return Err(match foreign_owner(run) {
+                Some(owner) => RuntimeError::Foreign { run, owner },
+                None => RuntimeError::NoRun { run },
+            });
         }
         let identity = Identity {
             run,
@@ -42,6 +45,7 @@ impl Guest {
             cameras: cameras.max(1),
             stage: Stage::Judge,
             incarnation: now_ns(),
+            resume: None,
         };
         let link = Link::join(identity, stop)?;
         let mode = if first { Mode::OpenOrCreate } else { Mode::Open };
@@ -56,6 +60,7 @@ impl Guest {
     pub fn attach_to(entry: &RunEntry, stop: Stop) -> Result<Self, RuntimeError> {
         let gone = || RuntimeError::NoRun { run: entry.run_id().unwrap_or_default() };
         let run = entry.run_id().ok_or_else(gone)?;
+        entry.agrees("this program")?;
         if entry.pace == Pace::Lockstep {
             return Err(RuntimeError::Waits { run });
         }

@@ -6,12 +6,19 @@ use std::time::Duration;
 
 use orime_messages::{Drops, Header};
 
+use crate::gauge;
+
 /// How often those who wait look whether they shall end.
 pub(crate) const STOP_POLL: Duration = Duration::from_millis(50);
 
 /// Something with a message's header.
 pub(crate) trait Taken {
     fn header(&self) -> &Header;
+
+    /// Messages of the same step that come before this one.
+    fn place(&self) -> u64 {
+        0
+    }
 }
 
 /// The queue; `capacity` messages at most.
@@ -25,6 +32,17 @@ pub(crate) struct Inbox<T> {
     /// Whether this was there before any publisher, so that what precedes the first message
     /// taken is lost too.
     from_start: bool,
+    /// Where a restarted stage goes on.
+    resumed: Option<Resumed>,
+}
+
+/// What the first message must be for nothing to be missing.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Resumed {
+    /// Its step.
+    pub wanted: u64,
+    /// Messages per step.
+    pub per_step: u64,
 }
 
 #[derive(Debug)]
@@ -39,7 +57,12 @@ struct State<T> {
 }
 
 impl<T: Taken> Inbox<T> {
-    pub(crate) fn new(capacity: usize, newest_wins: bool, from_start: bool) -> Self {
+    pub(crate) fn new(
+        capacity: usize,
+        newest_wins: bool,
+        from_start: bool,
+        resumed: Option<Resumed>,
+    ) -> Self {
         Self {
             state: Mutex::new(State {
                 queue: VecDeque::with_capacity(capacity),
@@ -52,6 +75,7 @@ impl<T: Taken> Inbox<T> {
             capacity,
             newest_wins,
             from_start,
+            resumed,
         }
     }
 
@@ -76,7 +100,14 @@ impl<T: Taken> Inbox<T> {
     /// Puts in a message that was just taken, and counts those lost before it.
     pub(crate) fn put(&self, message: T) {
         let mut state = self.lock();
-        let Header { incarnation, sequence, .. } = *message.header();
+        let Header { incarnation, sequence, step, .. } = *message.header();
+        if let Some(Resumed { wanted, per_step }) = self.resumed
+            && state.expected.is_empty()
+        {
+            // What the predecessor had in hand, and what came while there was nobody.
+            let missing = step.saturating_sub(wanted) * per_step;
+            state.drops.restart += if step >= wanted { missing + message.place() } else { 0 };
+        }
         let known = state.expected.iter().position(|(known, _)| *known == incarnation);
         let known = known.unwrap_or_else(|| {
             state.expected.push((incarnation, if self.from_start { 0 } else { sequence }));
@@ -86,9 +117,11 @@ impl<T: Taken> Inbox<T> {
         state.expected[known].1 = sequence + 1;
         if state.queue.len() >= self.capacity {
             state.queue.pop_front();
+            gauge::unqueued();
             state.drops.superseded += 1;
         }
         state.queue.push_back(message);
+        gauge::queued();
         self.changed.notify_all();
     }
 
@@ -103,6 +136,7 @@ impl<T: Taken> Inbox<T> {
         }
         let message = state.queue.pop_front();
         if message.is_some() {
+            gauge::unqueued();
             self.changed.notify_all();
         } else if let Some(failure) = state.failure.take() {
             return Err(failure);

@@ -8,13 +8,16 @@
 pub mod channel;
 mod clock;
 mod error;
+mod gauge;
 mod guest;
 mod inbox;
 mod link;
+mod log;
 mod memory;
 mod publish;
 mod recorder;
 mod registry;
+mod resume;
 mod run;
 mod service;
 mod set_file;
@@ -29,12 +32,20 @@ pub use clock::now_ns;
 pub use error::RuntimeError;
 pub use guest::Guest;
 pub use link::{Identity, Link};
+pub use log::LOG_VARIABLE;
 pub use memory::{free_bytes, needed_bytes};
 pub use publish::{FramePublisher, FrameWritten, Publisher, Sent};
 pub use recorder::{Recorder, Work};
 pub use registry::{RunEntry, registered, registry_dir, start_ticks};
-pub use run::{RunId, SHARED_MEMORY_DIR, clean, make_private_dir, shared_memory_of};
-pub use service::{CAMERAS_VARIABLE, PARENT_VARIABLE, READY, RUN_VARIABLE, Service};
+pub use resume::Resume;
+pub use run::{
+    RunId, SHARED_MEMORY_DIR, clean, foreign_owner, ipc_dirs, make_private_dir, shared_memory_of,
+    user_name,
+};
+pub use service::{
+    CAMERAS_VARIABLE, PARENT_VARIABLE, PROTOCOL_VARIABLE, READY, RESUME_VARIABLE, RUN_VARIABLE,
+    Service,
+};
 pub use set_file::{DATA_VARIABLE, SECTIONS, SetError, SetFile, data_dir, expand};
 pub use stop::{Stop, die_with_parent};
 pub use subscribe::{FrameSubscription, Received, ReceivedFrame, Subscription};

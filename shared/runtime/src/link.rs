@@ -17,6 +17,7 @@ use orime_messages::{Header, Message, Stage};
 use crate::channel::{Channel, NODES_MAX, Pace};
 use crate::error::RuntimeError;
 use crate::publish::{FramePublisher, Publisher};
+use crate::resume::Resume;
 use crate::run::{RunId, make_private_dir};
 use crate::stop::Stop;
 use crate::subscribe::{FrameSubscription, Subscription};
@@ -38,6 +39,8 @@ pub struct Identity {
     pub stage: Stage,
     /// Marks this process among those that had the part before it.
     pub incarnation: u64,
+    /// Where it goes on, if it takes the place of one that ended.
+    pub resume: Option<Resume>,
 }
 
 /// A process' connection to its run. Ports made from it may outlive it.
@@ -133,7 +136,7 @@ impl Link {
             .enable_safe_overflow(qos.overflow)
             .subscriber_max_buffer_size(qos.buffer)
             .subscriber_max_borrowed_samples(qos.borrowed)
-            .history_size(0)
+            .history_size(channel.history)
             .max_publishers(channel.publishers_max)
             .max_subscribers(channel.subscribers_max)
             .max_nodes(NODES_MAX);

@@ -16,6 +16,7 @@ use orime_messages::{
 
 use crate::channel::{self, Channel, LOANS_MAX};
 use crate::error::RuntimeError;
+use crate::gauge;
 use crate::link::{Ipc, Link, Mode};
 use crate::now_ns;
 use crate::stop::Stop;
@@ -84,7 +85,7 @@ impl Outlet {
         mut attempt: impl FnMut() -> Result<S, LoanError>,
         take_back: impl Fn() -> Result<(), ConnectionFailure>,
     ) -> Result<Option<S>, RuntimeError> {
-        let mut asked: Option<Instant> = None;
+        let (mut asked, mut has_waited) = (None::<Instant>, false);
         loop {
             match attempt() {
                 Ok(sample) => return Ok(Some(sample)),
@@ -93,6 +94,9 @@ impl Outlet {
                     RuntimeError::channel(self.channel, "looking who has left", error)
                 })?,
                 Err(error) => return Err(RuntimeError::channel(self.channel, "loaning", error)),
+            }
+            if !std::mem::replace(&mut has_waited, true) {
+                gauge::loan_waited();
             }
             if self.stop.requested() {
                 let asked = asked.get_or_insert_with(Instant::now);
@@ -117,8 +121,9 @@ impl Outlet {
         }
     }
 
-    fn wake(&mut self) {
+    fn wake(&mut self, step: u64) {
         self.sent += 1;
+        crate::log::note_step(step);
         let Some(notifier) = &self.notifier else { return };
         // A listener whose socket is full is awake anyway, and one that is gone needs no waking.
         if let Err(error) = notifier.notify() {
@@ -175,6 +180,15 @@ impl<M: Message> Publisher<M> {
         self.send(lineage, 0, None, write)
     }
 
+    /// Gives those who have subscribed since the last message the newest ones, as many as the
+    /// channel keeps.
+    pub fn greet(&self) {
+        // Whoever cannot be connected now is when the next message is sent.
+        if let Err(error) = self.port.update_connections() {
+            tracing::debug!(channel = self.outlet.channel, ?error, "greeting");
+        }
+    }
+
     /// Hands over the end of the stream.
     pub fn send_end(&mut self, lineage: &Header) -> Result<(), RuntimeError> {
         self.send(lineage, FLAG_END, None, |_| ()).map(|_| ())
@@ -215,7 +229,7 @@ impl<M: Message> Publisher<M> {
         sample
             .send()
             .map_err(|error| RuntimeError::channel(self.outlet.channel, "sending", error))?;
-        self.outlet.wake();
+        self.outlet.wake(header.step);
         Ok(Some(Sent { header, written }))
     }
 }
@@ -289,7 +303,7 @@ impl FramePublisher {
         sample
             .send()
             .map_err(|error| RuntimeError::channel(self.outlet.channel, "sending", error))?;
-        self.outlet.wake();
+        self.outlet.wake(header.step);
         Ok(Some(Sent { header, written }))
     }
 
@@ -309,7 +323,7 @@ impl FramePublisher {
             .write_from_fn(|_| 0)
             .send()
             .map_err(|error| RuntimeError::channel(self.outlet.channel, "sending", error))?;
-        self.outlet.wake();
+        self.outlet.wake(header.step);
         Ok(())
     }
 }

@@ -3,6 +3,7 @@
 use orime_messages::{Drops, Header, RecordKind, StageRecord, WHOLE_SET};
 
 use crate::error::RuntimeError;
+use crate::gauge;
 use crate::publish::Publisher;
 
 /// Times and facts of one piece of work; see [`StageRecord`] for their meaning.
@@ -76,6 +77,7 @@ impl Recorder {
             record.frame_copies = work.frame_copies;
             record.bytes = work.bytes;
             record.drops = drops;
+            (record.loan_waits, record.queue_depth, record.queue_high) = gauge::read();
         })
     }
 }

@@ -4,9 +4,11 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use orime_messages::PROTOCOL;
 use serde::{Deserialize, Serialize};
 
 use crate::channel::Pace;
+use crate::error::RuntimeError;
 use crate::run::{RunId, make_private_dir};
 
 /// One run of a set, as its supervisor registered it.
@@ -27,6 +29,10 @@ pub struct RunEntry {
     pub out: PathBuf,
     /// The set's pace.
     pub pace: Pace,
+    /// What its processes speak, see [`orime_messages::PROTOCOL`]; empty in entries of versions
+    /// that did not say.
+    #[serde(default)]
+    pub protocol: String,
     /// Cameras of the set; 0 in entries of versions that did not say.
     #[serde(default)]
     pub cameras: usize,
@@ -68,6 +74,18 @@ impl RunEntry {
     /// Whether its supervisor still runs.
     pub fn is_alive(&self) -> bool {
         start_ticks(self.pid) == Some(self.start_ticks)
+    }
+
+    /// Refuses `program`, which is this one, where it was not built with the run.
+    pub fn agrees(&self, program: &str) -> Result<(), RuntimeError> {
+        if self.protocol == PROTOCOL {
+            return Ok(());
+        }
+        let other = match self.protocol.as_str() {
+            "" => "an older version".to_owned(),
+            protocol => protocol.to_owned(),
+        };
+        Err(RuntimeError::Protocol { program: program.to_owned(), own: PROTOCOL, other })
     }
 
     fn path(&self) -> PathBuf {
@@ -129,6 +147,7 @@ mod tests {
             set: PathBuf::new(),
             out: PathBuf::new(),
             pace: Pace::Lockstep,
+            protocol: PROTOCOL.to_owned(),
             cameras: 1,
             stages: vec![("segment".to_owned(), 1)],
         };

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::fs;
 use std::io;
-use std::os::unix::fs::DirBuilderExt;
+use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -97,6 +97,36 @@ pub fn clean(run: RunId) -> io::Result<usize> {
     }
     remove_if_there(fs::remove_dir_all(run.ipc_dir()))?;
     Ok(leftovers.len())
+}
+
+/// Runs of this user that have a directory of their own.
+pub fn ipc_dirs() -> io::Result<Vec<String>> {
+    let dir = match fs::read_dir(user_dir()) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+        other => other?,
+    };
+    let names = dir.map(|entry| Ok(entry?.file_name().to_string_lossy().into_owned()));
+    let names: io::Result<Vec<String>> = names.collect();
+    Ok(names?.into_iter().filter(|name| name.parse::<RunId>().is_ok()).collect())
+}
+
+/// Name, or number, of the user that a run's shared memory belongs to, if that is somebody else.
+pub fn foreign_owner(run: RunId) -> Option<String> {
+    let own = rustix::process::getuid().as_raw();
+    let objects = shared_memory_of(run).ok()?;
+    let owners = objects.iter().filter_map(|path| Some(fs::metadata(path).ok()?.uid()));
+    owners.filter(|owner| *owner != own).map(user_name).next()
+}
+
+/// A user's name, or the number where the machine knows none.
+pub fn user_name(uid: u32) -> String {
+    let passwd = fs::read_to_string("/etc/passwd").unwrap_or_default();
+    let named = passwd.lines().find_map(|line| {
+        let mut fields = line.split(':');
+        let name = fields.next()?;
+        (fields.nth(1)?.parse() == Ok(uid)).then(|| name.to_owned())
+    });
+    named.unwrap_or_else(|| uid.to_string())
 }
 
 fn remove_if_there(result: io::Result<()>) -> io::Result<()> {

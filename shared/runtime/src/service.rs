@@ -4,17 +4,18 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use orime_geometry::RgbdCamera;
-use orime_messages::{Header, Message, Stage};
+use orime_messages::{Header, Message, PROTOCOL, Stage};
 use orime_params::Problem;
 use serde::de::DeserializeOwned;
-use tracing_subscriber::EnvFilter;
 
 use crate::channel::{self, Channel};
 use crate::error::RuntimeError;
 use crate::link::{Identity, Link};
+use crate::log;
 use crate::now_ns;
 use crate::publish::{FramePublisher, Publisher};
 use crate::recorder::Recorder;
+use crate::resume::Resume;
 use crate::run::RunId;
 use crate::set_file::SetFile;
 use crate::stop::{Stop, die_with_parent};
@@ -26,6 +27,10 @@ pub const RUN_VARIABLE: &str = "ORIME_RUN";
 pub const CAMERAS_VARIABLE: &str = "ORIME_CAMERAS";
 /// Environment variable: the supervisor's process id.
 pub const PARENT_VARIABLE: &str = "ORIME_PARENT";
+/// Environment variable: what the supervisor speaks, see [`PROTOCOL`].
+pub const PROTOCOL_VARIABLE: &str = "ORIME_PROTOCOL";
+/// Environment variable: a [`Resume`] as JSON, for a process that takes another one's place.
+pub const RESUME_VARIABLE: &str = "ORIME_RESUME";
 /// First word of the line on standard output that says that a process is ready.
 pub const READY: &str = "ready";
 
@@ -47,17 +52,17 @@ impl Service {
 
     /// Begins a process of a set that finds the set file's path in its own way.
     pub fn start_with(stage: Stage, set: &Path) -> Result<Self, RuntimeError> {
-        let _ = tracing_subscriber::fmt()
-            .with_writer(io::stderr)
-            .with_ansi(false)
-            .with_env_filter(
-                EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("info")),
-            )
-            .try_init();
         let variable =
             |name: &'static str| std::env::var(name).map_err(|_| not_supervised(stage, name));
         let run: RunId =
             variable(RUN_VARIABLE)?.parse().map_err(|_| not_supervised(stage, RUN_VARIABLE))?;
+        log::begin(&run.to_string(), stage);
+        let other = variable(PROTOCOL_VARIABLE)?;
+        // Not folded into the program's code: what its data says is what it speaks.
+        if other != std::hint::black_box(PROTOCOL) {
+            let program = format!("orime-{}", stage.name());
+            return Err(RuntimeError::Protocol { program, own: PROTOCOL, other });
+        }
         let cameras = variable(CAMERAS_VARIABLE)?
             .parse()
             .map_err(|_| not_supervised(stage, CAMERAS_VARIABLE))?;
@@ -71,7 +76,13 @@ impl Service {
             .map_err(|source| RuntimeError::System { action: "handling signals", source })?;
         let set = SetFile::load(set)?;
         let incarnation = now_ns() ^ (u64::from(std::process::id()) << 40);
-        let identity = Identity { run, pace: set.pace, cameras, stage, incarnation };
+        let resume = match std::env::var(RESUME_VARIABLE) {
+            Ok(text) => Some(
+                serde_json::from_str(&text).map_err(|_| not_supervised(stage, RESUME_VARIABLE))?,
+            ),
+            Err(_) => None,
+        };
+        let identity = Identity { run, pace: set.pace, cameras, stage, incarnation, resume };
         let link = Link::join(identity, stop)?;
         Ok(Self { stage, set, link })
     }
@@ -84,6 +95,19 @@ impl Service {
     /// This process' place in the run.
     pub fn link(&self) -> &Link {
         &self.link
+    }
+
+    /// Where this process goes on, if it takes the place of one that ended.
+    pub fn resume(&self) -> Option<Resume> {
+        self.link.identity().resume
+    }
+
+    /// The end of the stream that this stage would have to work on, if it came before this
+    /// process did.
+    pub fn ended_input(&self) -> Option<Header> {
+        let resume = self.resume().filter(|resume| resume.input_ended)?;
+        let step = resume.asked.map_or(0, |step| step + 1);
+        Some(Header { step, ..self.header() })
     }
 
     /// Raised when this process shall end.

@@ -13,11 +13,14 @@ pub const SECTIONS: [&str; 5] = ["sheet", "capture", "segment", "register", "sim
 /// Stands for the folder of the recordings in any text of a set file.
 pub const DATA_VARIABLE: &str = "${ORIME_DATA}";
 /// Keys whose values are paths; relative ones are meant from the set file's folder.
-const PATH_KEYS: [(&[&str], &str); 4] = [
+const PATH_KEYS: [(&[&str], &str); 7] = [
     (&["sheet"], "template"),
     (&["capture", "folder"], "layout"),
     (&["capture", "folder"], "data_dir"),
     (&["capture", "recording"], "file"),
+    (&["capture", "calibration"], "file"),
+    (&["capture", "bag"], "files"),
+    (&["capture", "db3"], "files"),
 ];
 
 /// Why a set file cannot be used.
@@ -141,8 +144,15 @@ pub fn expand(table: &mut Table, set_path: &Path) {
         for ancestor in ancestors {
             place = place.and_then(|table| table.get_mut(*ancestor)?.as_table_mut());
         }
-        if let Some(Value::String(path)) = place.and_then(|table| table.get_mut(key)) {
-            *path = folder.join(&*path).to_string_lossy().into_owned();
+        let paths = match place.and_then(|table| table.get_mut(key)) {
+            Some(Value::Array(paths)) => paths.as_mut_slice(),
+            Some(path) => std::slice::from_mut(path),
+            None => &mut [],
+        };
+        for path in paths {
+            if let Value::String(path) = path {
+                *path = folder.join(&*path).to_string_lossy().into_owned();
+            }
         }
     }
 }
@@ -177,7 +187,8 @@ mod tests {
     fn paths_are_meant_from_the_set_and_data_has_its_place() {
         let set = parse(
             "pace = \"realtime\"\n[sheet]\ntemplate = \"cloth.obj\"\n\
-             [capture.folder]\nlayout = \"${ORIME_DATA}/desk/layout.toml\"",
+             [capture.folder]\nlayout = \"${ORIME_DATA}/desk/layout.toml\"\n\
+             [capture.bag]\nfiles = [\"a.bag\", \"/b.bag\"]",
         )
         .unwrap();
         assert_eq!(set.pace, Pace::Realtime);
@@ -187,6 +198,9 @@ mod tests {
         let layout = capture["folder"]["layout"].as_str().unwrap();
         assert!(Path::new(layout).is_absolute() && layout.ends_with("/desk/layout.toml"));
         assert!(!layout.contains('$'));
+        let files = capture["bag"]["files"].as_array().unwrap();
+        let files: Vec<_> = files.iter().filter_map(toml::Value::as_str).collect();
+        assert_eq!(files, ["sets/a.bag", "/b.bag"]);
     }
 
     #[test]

@@ -5,12 +5,14 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use rustix::process::{Pid, Signal, getppid, set_parent_process_death_signal};
-use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGUSR1};
 
 /// A flag that asks a process to end, shared by all that wait in it.
 #[derive(Debug, Clone, Default)]
 pub struct Stop {
     requested: Arc<AtomicBool>,
+    leaving: Arc<AtomicBool>,
+    release: Arc<AtomicBool>,
 }
 
 impl Stop {
@@ -19,11 +21,15 @@ impl Stop {
         Self::default()
     }
 
-    /// Raised by SIGTERM. SIGINT, which a terminal sends to everyone, is ignored: the supervisor
+    /// Raised by SIGTERM, and by SIGHUP for a process that another one will follow. SIGINT, which a terminal sends to everyone, is ignored: the supervisor
     /// decides what a Ctrl-C means.
     pub fn on_terminate() -> io::Result<Self> {
         let stop = Self::new();
         signal_hook::flag::register(SIGTERM, Arc::clone(&stop.requested))?;
+        // In this order: whoever sees the request also sees what it is for.
+        signal_hook::flag::register(SIGHUP, Arc::clone(&stop.leaving))?;
+        signal_hook::flag::register(SIGHUP, Arc::clone(&stop.requested))?;
+        signal_hook::flag::register(SIGUSR1, Arc::clone(&stop.release))?;
         signal_hook::flag::register(SIGINT, Arc::new(AtomicBool::new(false)))?;
         Ok(stop)
     }
@@ -36,6 +42,17 @@ impl Stop {
     /// Asks to end.
     pub fn request(&self) {
         self.requested.store(true, Ordering::Relaxed);
+    }
+
+    /// Whether another process of the same stage will go on: the stream does not end.
+    pub fn is_handover(&self) -> bool {
+        self.leaving.load(Ordering::Relaxed)
+    }
+
+    /// Whether the supervisor asks (SIGUSR1) to give back messages that are held for ones to come:
+    /// they were lost with a stage that died, and its successor may need the memory. Told once.
+    pub fn take_release(&self) -> bool {
+        self.release.swap(false, Ordering::Relaxed)
     }
 
     /// Whether somebody asked to end.

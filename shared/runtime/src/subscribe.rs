@@ -14,7 +14,7 @@ use orime_messages::{Drops, FrameMeta, FrameStatus, Header, Message};
 
 use crate::channel::{self, Channel, Pace};
 use crate::error::RuntimeError;
-use crate::inbox::{Inbox, STOP_POLL, Taken};
+use crate::inbox::{Inbox, Resumed, STOP_POLL, Taken};
 use crate::link::{Ipc, Link, Mode};
 use crate::now_ns;
 use crate::stop::Stop;
@@ -75,6 +75,10 @@ impl Taken for ReceivedFrame {
     fn header(&self) -> &Header {
         &self.meta().header
     }
+
+    fn place(&self) -> u64 {
+        u64::from(self.meta().camera)
+    }
 }
 
 /// Messages of one channel, as they come.
@@ -116,8 +120,12 @@ impl<T: Taken + Send + 'static> Intake<T> {
         let newest_wins = identity.pace == Pace::Realtime && !channel.lockstep.overflow;
         // What the stage works on is borrowed too: a set of frames, a cloud and its state.
         let in_work = if newest_wins { qos.borrowed.div_ceil(2) } else { 0 };
-        let inbox =
-            Arc::new(Inbox::new(qos.borrowed - in_work, newest_wins, mode == Mode::OpenOrCreate));
+        let resumed = identity.resume.map(|resume| Resumed {
+            wanted: resume.wanted(),
+            per_step: if channel.per_camera { identity.cameras as u64 } else { 1 },
+        });
+        let from_start = mode == Mode::OpenOrCreate && resumed.is_none();
+        let inbox = Arc::new(Inbox::new(qos.borrowed - in_work, newest_wins, from_start, resumed));
         let (stop, gone) = (link.stop().clone(), Stop::new());
         let name = channel.name;
         let thread = std::thread::Builder::new()
@@ -133,11 +141,12 @@ impl<T: Taken + Send + 'static> Intake<T> {
         Ok(Self { inbox, stop, gone, thread: Some(thread) })
     }
 
-    fn next(&self) -> Result<Option<T>, RuntimeError> {
+    fn next(&self, mut idle: impl FnMut()) -> Result<Option<T>, RuntimeError> {
         loop {
             if let Some(message) = self.inbox.get(STOP_POLL)? {
                 return Ok(Some(message));
             }
+            idle();
             if self.stop.requested() || self.inbox.is_closed() {
                 return Ok(None);
             }
@@ -200,7 +209,12 @@ impl<M: Message> Subscription<M> {
     /// shall end.
     #[expect(clippy::should_implement_trait, reason = "it can fail, and it waits")]
     pub fn next(&mut self) -> Result<Option<Received<M>>, RuntimeError> {
-        self.intake.next()
+        self.intake.next(|| {})
+    }
+
+    /// As [`Subscription::next`], calling `idle` about 20 times a second while it waits.
+    pub fn next_with(&mut self, idle: impl FnMut()) -> Result<Option<Received<M>>, RuntimeError> {
+        self.intake.next(idle)
     }
 
     /// The oldest message that was not had before, if there is one now.
@@ -211,7 +225,12 @@ impl<M: Message> Subscription<M> {
     /// The newest message, giving up those before it; waits if there is none. The end of the
     /// stream is never given up, nor given before what precedes it.
     pub fn newest(&mut self) -> Result<Option<Received<M>>, RuntimeError> {
-        let Some(first) = self.next()? else { return Ok(None) };
+        self.newest_with(|| {})
+    }
+
+    /// As [`Subscription::newest`], calling `idle` about 20 times a second while it waits.
+    pub fn newest_with(&mut self, idle: impl FnMut()) -> Result<Option<Received<M>>, RuntimeError> {
+        let Some(first) = self.next_with(idle)? else { return Ok(None) };
         self.newer_than(first).map(Some)
     }
 
@@ -259,7 +278,7 @@ impl FrameSubscription {
     /// end.
     #[expect(clippy::should_implement_trait, reason = "it can fail, and it waits")]
     pub fn next(&mut self) -> Result<Option<ReceivedFrame>, RuntimeError> {
-        self.intake.next()
+        self.intake.next(|| {})
     }
 
     /// The oldest frame that was not had before, if there is one now.

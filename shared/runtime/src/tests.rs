@@ -18,7 +18,8 @@ impl Run {
     }
 
     fn join(&self, stage: Stage, pace: Pace) -> Link {
-        let identity = Identity { run: self.0, pace, cameras: 1, stage, incarnation: now_ns() };
+        let identity =
+            Identity { run: self.0, pace, cameras: 1, stage, incarnation: now_ns(), resume: None };
         Link::join(identity, Stop::new()).unwrap()
     }
 }

@@ -18,7 +18,7 @@ pub struct CompareArguments {
     /// The set file.
     set: PathBuf,
     /// Variants, separated by commas.
-    #[arg(long, value_name = "A,B,…", default_value = "aruco,cpd,cpd_clustering")]
+    #[arg(long, value_name = "A,B,…", default_value = "aruco,cpd,cpd_clustering,orime")]
     variants: String,
     /// Folder for compare.json, table.md, and the plots e_mm and vertex_error_mm (SVG and PNG).
     #[arg(long, value_name = "DIR")]
@@ -34,8 +34,9 @@ pub struct CompareArguments {
 const VARIANTS: &str = "\
 Variants:
   aruco           features of a printed sheet alone, as the paper's first series
-  cpd             Coherent Point Drift without clustering, as its second
-  cpd_clustering  … with fold lines found by clustering, as its third
+  cpd             Coherent Point Drift without fold lines, as its second
+  cpd_clustering  … with fold lines found by its clustering, as its third
+  orime           the set as it stands
   NAME:KEY=VALUE;KEY=VALUE
                   any other: keys of the set file that are set differently
 

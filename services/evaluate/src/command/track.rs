@@ -109,6 +109,7 @@ fn score(
             score,
             sheet: &sheet,
             nodes_m: pipeline.nodes_m(),
+            labels: pipeline.clusters(),
             cloud: pipeline.cloud(),
             edgels: pipeline.edgels(),
             camera: &pipeline.cameras()[pictures.camera],

@@ -25,7 +25,8 @@ impl Variant {
         let set = |key: &str, value: &str| (key.to_owned(), Value::String(value.to_owned()));
         Ok(match text.split_once(':') {
             None => match text {
-                "cpd" => variant(None, Vec::new()),
+                "orime" => variant(None, Vec::new()),
+                "cpd" => variant(None, vec![set("simulate.folds.mode", "off")]),
                 "aruco" => variant(
                     None,
                     vec![
@@ -34,9 +35,20 @@ impl Variant {
                         set("register.mode", "markers"),
                     ],
                 ),
-                "cpd_clustering" => variant(Some("fold lines are not detected yet"), Vec::new()),
+                "cpd_clustering" => {
+                    let effects = "stretch shear bend crease damping air_drag grippers track";
+                    let effects = effects.split(' ').map(|e| Value::String(e.to_owned()));
+                    variant(
+                        None,
+                        vec![
+                            set("simulate.folds.mode", "paper"),
+                            set("simulate.crease.kind", "paper"),
+                            ("simulate.effects".to_owned(), Value::Array(effects.collect())),
+                        ],
+                    )
+                }
                 _ => anyhow::bail!(
-                    "--variants: `{text}` is none of aruco, cpd, cpd_clustering, and no \
+                    "--variants: `{text}` is none of aruco, cpd, cpd_clustering, orime, and no \
                      NAME:KEY=VALUE"
                 ),
             },
@@ -95,7 +107,8 @@ mod tests {
         assert_eq!(changed["name"].as_str(), Some("x"));
         assert!(Variant::parse_all("nonsense").is_err());
         assert!(Variant::parse_all("own:name.x=1").unwrap()[0].apply(text).is_err());
-        let missing = Variant::parse_all("cpd_clustering").unwrap();
-        assert!(missing[0].missing.is_some());
+        let clustering = &Variant::parse_all("cpd_clustering").unwrap()[0];
+        let set: Table = clustering.apply(text).unwrap().parse().unwrap();
+        assert_eq!(set["simulate"]["folds"]["mode"].as_str(), Some("paper"));
     }
 }

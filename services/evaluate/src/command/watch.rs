@@ -1,13 +1,14 @@
 //! `orime-evaluate watch`: the judge beside a running set.
 
 use anyhow::Context;
+use orime_creases::Folds;
 use orime_evaluate::judge::{Judge, StepInput};
 use orime_evaluate::picture::PanelInput;
 use orime_evaluate::summary::StageMs;
 use orime_geometry::RgbdCamera;
 use orime_messages::{ObservedCloud, RecordKind, SheetState, Stage, StageRecord, Truth};
 use orime_runtime::{
-    FrameSubscription, Pace, Received, ReceivedFrame, Service, SetFile, Subscription, channel,
+    FrameSubscription, Pace, Received, ReceivedFrame, Service, SetFile, Stop, Subscription, channel,
 };
 use std::collections::{BTreeMap, VecDeque};
 use std::io::Write;
@@ -36,7 +37,10 @@ const IMAGES_MAX: usize = 64;
 struct Watch {
     judge: Judge,
     pace: Pace,
+    stop: Stop,
     states: Subscription<SheetState>,
+    /// Facets of the last picture.
+    folds: Folds,
     clouds: Subscription<ObservedCloud>,
     truths: Subscription<Truth>,
     frames: FrameSubscription,
@@ -60,7 +64,10 @@ pub fn run(arguments: &WatchArguments) -> anyhow::Result<()> {
         if state.header.is_end() {
             break;
         }
-        watch.score(&state)?;
+        // A simulate that was restarted begins with a state of no sheet at all.
+        if state.n_nodes > 0 {
+            watch.score(&state)?;
+        }
         watch.take_times()?;
     }
     watch.take_times()?;
@@ -84,7 +91,9 @@ impl Watch {
         Ok(Self {
             judge: Judge::new(&config.sheet, config.template_m.as_deref()),
             pace: set.pace,
+            stop: service.stop().clone(),
             states: service.subscribe(&channel::STATE)?,
+            folds: Folds::flat(&config.sheet),
             clouds: service.subscribe(&channel::CLOUD)?,
             truths: service.subscribe(&channel::TRUTH)?,
             frames: service.subscribe_frames()?,
@@ -100,9 +109,20 @@ impl Watch {
     }
 
     fn next_state(&mut self) -> anyhow::Result<Option<Received<SheetState>>> {
-        Ok(match self.pace {
-            Pace::Lockstep => self.states.next()?,
-            Pace::Realtime => self.states.newest()?,
+        let Self { pace, states, stop, clouds, truths, frames, cloud, truth, frame, .. } = self;
+        // What belongs to states that died with a stage would be waited for for ever, and those
+        // who wait for its memory too.
+        let idle = || {
+            if *pace == Pace::Lockstep && stop.take_release() {
+                (*cloud, *truth, *frame) = (None, None, None);
+                while let Ok(Some(_)) = clouds.try_next() {}
+                while let Ok(Some(_)) = truths.try_next() {}
+                while let Ok(Some(_)) = frames.try_next() {}
+            }
+        };
+        Ok(match pace {
+            Pace::Lockstep => states.next_with(idle)?,
+            Pace::Realtime => states.newest_with(idle)?,
         })
     }
 
@@ -203,10 +223,12 @@ impl Watch {
         let pictured = self.pictures.camera;
         if self.pictures.wants(step) && pictured < cameras.len() {
             let image = self.images.iter().find(|(found, _)| *found == step);
+            state.folds.update(&mut self.folds);
             self.pictures.write(&PanelInput {
                 score,
                 sheet: &sheet,
                 nodes_m,
+                labels: self.folds.facet_of_node(),
                 cloud: points,
                 edgels,
                 camera: &cameras[pictured],

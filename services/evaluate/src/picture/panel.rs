@@ -16,6 +16,8 @@ pub struct PanelInput<'a> {
     pub sheet: &'a SheetGrid,
     /// Tracked nodes; empty before the first pose.
     pub nodes_m: &'a [[f32; 3]],
+    /// Facet or cluster of every node; may be empty.
+    pub labels: &'a [u8],
     /// Observed cloud.
     pub cloud: &'a [ObservedPoint],
     /// Contour.
@@ -36,6 +38,18 @@ const WHITE: Color = [235, 238, 245];
 /// One colour per camera, in turn.
 const CAMERAS: [Color; 6] =
     [[120, 190, 255], [255, 170, 110], [150, 230, 140], [240, 140, 220], [250, 230, 120], [160; 3]];
+
+/// Front and back of the facets or clusters, in turn.
+const FACETS: [[Color; 2]; 8] = [
+    [[244, 240, 228], [232, 140, 92]],
+    [[250, 214, 170], [206, 110, 70]],
+    [[206, 232, 250], [104, 150, 200]],
+    [[214, 244, 206], [110, 170, 100]],
+    [[250, 206, 220], [200, 100, 130]],
+    [[228, 214, 250], [140, 110, 190]],
+    [[250, 244, 180], [190, 170, 70]],
+    [[220, 220, 220], [130, 130, 130]],
+];
 
 /// Colour image with the mask's outline and the tracked grid, observed cloud, tracked sheet.
 pub fn panel(input: &PanelInput<'_>) -> Canvas {
@@ -160,7 +174,11 @@ fn sheet_image(input: &PanelInput<'_>) -> Canvas {
     if nodes.len() == input.sheet.len() {
         for triangle in input.sheet.triangles() {
             let corners = triangle.map(|k| nodes[k as usize]);
-            view.triangle(corners, [244, 240, 228], [232, 140, 92]);
+            // A corner on a crease may be of either side; most of three are not on one.
+            let mut labels = triangle.map(|k| input.labels.get(k as usize).copied().unwrap_or(0));
+            labels.sort_unstable();
+            let [front, back] = FACETS[labels[1] as usize % FACETS.len()];
+            view.triangle(corners, front, back);
         }
         for (a, b, is_border) in grid_lines(input.sheet) {
             let color = if is_border { [30, 30, 34] } else { [120, 120, 130] };

@@ -1,7 +1,6 @@
 //! What proves an effect, or all of them, idle.
 
 use super::{Pulls, Simulator};
-use crate::solver::field::Field;
 
 /// A frame that moves no node further than this changes nothing, metres.
 const STILL_M: f32 = 1e-6;
@@ -59,32 +58,14 @@ impl Rest {
 impl Simulator {
     /// Whether a node may come as low as the table in this frame.
     pub(super) fn table_is_near(&self, table_m: f32, frame_s: f32) -> bool {
-        let solver = &self.solver;
-        let places = || solver.layout.places();
-        let lowest = |z: &Field| places().map(|n| z.rows()[n]).fold(f32::INFINITY, f32::min);
-        let speed = places().map(|n| -solver.v[2].rows()[n]).fold(0.0, f32::max);
-        let fall_m_per_s2 = solver.gravity_m_per_s2.unwrap_or(0.0).abs();
-        let way_m = (speed + fall_m_per_s2 * frame_s) * frame_s;
-        let mut low_m = lowest(&solver.x[2]);
-        if let Some(targets) = &solver.targets {
-            let pulls = places().filter(|n| targets.confidence.rows()[*n] > 0.0);
-            low_m = pulls.map(|n| targets.at_m[2].rows()[n]).fold(low_m, f32::min);
-        }
-        low_m = solver.anchors.iter().map(|anchor| anchor.position_m[2]).fold(low_m, f32::min);
         // Links and facets do not throw a node further than a spacing below all of that.
         let spacing_m = self.folds.sheet().spacing_m().into_iter().fold(0.0, f64::max) as f32;
-        low_m - way_m < table_m + spacing_m
+        self.solver.lowest_m(frame_s) < table_m + spacing_m
     }
 
     /// Whether every node lies so near to one flat, unstretched sheet that no two parts can touch.
     pub(super) fn is_flat(&self) -> bool {
-        let sheet = self.folds.sheet();
-        let frame = self.folds.frame(0, &self.world);
-        let near_m = 0.25 * sheet.spacing_m().into_iter().fold(f64::INFINITY, f64::min);
-        sheet.uv_m().zip(&self.world).all(|(uv_m, x)| {
-            let goal = frame.position_m(uv_m);
-            let squared: f64 = (0..3).map(|k| (goal[k] - f64::from(x[k])).powi(2)).sum();
-            squared < near_m * near_m
-        })
+        let spacing_m = self.folds.sheet().spacing_m().into_iter().fold(f64::INFINITY, f64::min);
+        self.solver.unflat_m() < 0.25 * spacing_m as f32
     }
 }

@@ -192,6 +192,53 @@ impl Pass for HoldFacet<'_> {
     }
 }
 
+/// Finds how far a facet's nodes are from a pose that need not be theirs.
+pub(crate) struct Away<'a> {
+    /// The nodes.
+    pub nodes: &'a FacetNodes,
+    /// Mean (u, v) that the pose is about, metres.
+    pub center_uv_m: [f32; 2],
+    /// Material coordinates, metres.
+    pub uv_m: &'a [Field; 2],
+    /// The pose.
+    pub frame: &'a Frame,
+    /// Positions, metres.
+    pub x: &'a [Field; 3],
+    /// Greatest squared distance so far, m².
+    pub worst_m2: &'a mut f32,
+}
+
+impl Pass for Away<'_> {
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let x = self.x.each_ref().map(Field::rows);
+        let [u, v] = self.uv_m.each_ref().map(Field::rows);
+        let [u_mean, v_mean] = self.center_uv_m;
+        let mut worst = V::splat(*self.worst_m2);
+        for (first, bits) in &self.nodes.spans {
+            let at = *first as usize..*first as usize + LANES;
+            let mut squared = V::splat(0.0);
+            // SAFETY: the slices have sixteen numbers.
+            unsafe {
+                let du = V::load(u[at.clone()].as_ptr()).sub(V::splat(u_mean));
+                let dv = V::load(v[at.clone()].as_ptr()).sub(V::splat(v_mean));
+                for axis in 0..3 {
+                    let Frame { center_m, u, v } = self.frame;
+                    let (u, v) = (V::splat(u[axis] as f32), V::splat(v[axis] as f32));
+                    let goal = V::splat(center_m[axis] as f32).add(u.mul(du)).add(v.mul(dv));
+                    let way = V::load(x[axis][at.clone()].as_ptr()).sub(goal);
+                    squared = squared.add(way.mul(way));
+                }
+            }
+            worst = worst.max(squared.keep(*bits));
+        }
+        let mut each = [0f32; LANES];
+        // SAFETY: the array has sixteen numbers.
+        unsafe { worst.store(each.as_mut_ptr()) };
+        *self.worst_m2 = each.into_iter().fold(0.0, f32::max);
+    }
+}
+
 pub(crate) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }

@@ -133,10 +133,10 @@ pub(crate) struct Wanted<'a> {
 /// steps away.
 ///
 /// For steps s, links start in alternating blocks of s rows (columns for v), which makes the two
-/// colours disjoint.
+/// colours disjoint. Long links come first: neighbours, whose stretch shows, have the last word.
 pub(crate) fn coloured(sheet: &SheetGrid, wanted: &Wanted<'_>) -> Vec<Colour> {
     let mut colours = Vec::new();
-    for step in 1..=wanted.reach {
+    for step in (1..=wanted.reach).rev() {
         for direction in [[1, 0], [0, 1], [1, 1], [1, -1]] {
             let effect = match (step, direction[0] * direction[1]) {
                 (1, 0) => Effect::Stretch,

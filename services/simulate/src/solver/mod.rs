@@ -11,7 +11,7 @@
 //! facets:    x ← x + k·(g − x), g = the facet's best rigid pose             (facets.rs)
 //! contact:   whatever the caller's does
 //! table:     z ≥ height, and friction                                       (motion.rs)
-//! v = (x − x°)/dt
+//! v ← v + (x − x̂)/dt, x̂ = x after inertia: (x − x°)/dt without its rounding
 //! ```
 //!
 //! Source: Macklin et al. 2016 (XPBD), equations 17 and 26. Deviation: the target springs are
@@ -26,6 +26,8 @@ mod motion;
 mod project;
 mod substep;
 
+#[cfg(feature = "gpu")]
+pub(crate) use project::COINCIDENT_M2;
 pub(crate) use project::Damp;
 pub(crate) use substep::{Hooks, Rates};
 
@@ -33,10 +35,11 @@ use crate::effect::Effect;
 use crate::grips::Anchor;
 use crate::params::{CreaseKind, DampingKind, SimulateParams};
 use crease::{Hinge, Plastic, PlasticLink};
-use facets::FacetTable;
+use facets::{Away, FacetTable, FitFacet, Frame};
 use field::{Field, Layout, scatter};
 use lanes::Width;
 use links::{Colour, Seam, Wanted, coloured, facets_of_place};
+use motion::Lowest;
 use orime_creases::Folds;
 use orime_geometry::SheetGrid;
 
@@ -72,6 +75,8 @@ pub(crate) struct Solver {
     pub v: [Field; 3],
     /// Positions at the substep's start.
     pub before: [Field; 3],
+    /// Positions after inertia.
+    pub ahead: [Field; 3],
     /// Inverse masses in units of an ordinary node's, where not all are 1.
     pub weights: Option<Field>,
     /// Inverse mass of an ordinary node, 1/kg.
@@ -87,6 +92,8 @@ pub(crate) struct Solver {
     pub damping: Option<(Damp, f32)>,
     pub facet_table: Option<FacetTable>,
     pub hold_facets: Option<f32>,
+    /// Share of that which each facet gets; 1 beyond the end.
+    pub facet_shares: Vec<f32>,
     pub plastic: Option<Plastic>,
     pub hinges: Vec<Hinge>,
     pub plastic_links: Vec<PlasticLink>,
@@ -131,6 +138,7 @@ impl Solver {
             x: layout.fields(),
             v: layout.fields(),
             before: layout.fields(),
+            ahead: layout.fields(),
             weights: None,
             inverse_mass_per_kg,
             gravity_m_per_s2: named(Effect::Gravity, params.gravity.acceleration_m_per_s2),
@@ -144,8 +152,10 @@ impl Solver {
                 params.bend.compliance_m_per_n as f32,
             ],
             damping,
-            facet_table: (hold_facets.is_some() || hinges).then(|| FacetTable::new(sheet)),
+            facet_table: (hold_facets.is_some() || hinges || has(Effect::SelfContact))
+                .then(|| FacetTable::new(sheet)),
             hold_facets,
+            facet_shares: Vec::new(),
             plastic: has(Effect::Crease).then(|| params.crease.plastic()),
             hinges: Vec::new(),
             plastic_links: Vec::new(),
@@ -207,6 +217,40 @@ impl Solver {
         }
     }
 
+    /// Lowest height that a node, or what pulls it, comes to within `ahead_s` of free motion,
+    /// metres.
+    pub fn lowest_m(&self, ahead_s: f32) -> f32 {
+        let targets = self.targets.as_ref().filter(|targets| targets.count > 0);
+        let mut lowest_m = f32::INFINITY;
+        self.width.run(Lowest {
+            len: self.len(),
+            z: &self.x[2],
+            v_z: &self.v[2],
+            ahead_s,
+            targets: targets.map(|targets| (&targets.at_m[2], &targets.confidence)),
+            lowest_m: &mut lowest_m,
+        });
+        let fall_m_per_s2 = self.gravity_m_per_s2.unwrap_or(0.0).abs();
+        let held = self.anchors.iter().map(|anchor| anchor.position_m[2]);
+        held.fold(lowest_m, f32::min) - fall_m_per_s2 * ahead_s * ahead_s
+    }
+
+    /// How far the nodes are at most from one flat, unstretched sheet through the first facet,
+    /// metres; infinite where no facets are kept.
+    pub fn unflat_m(&self) -> f32 {
+        let Some(table) = self.facet_table.as_ref() else { return f32::INFINITY };
+        let Some(first) = table.facets.first() else { return f32::INFINITY };
+        let (uv_m, x) = (&table.uv_m, &self.x);
+        let mut frame = Frame { center_m: [0.0; 3], u: [0.0; 3], v: [0.0; 3] };
+        self.width.run(FitFacet { nodes: first, uv_m, x, frame: &mut frame });
+        let (center_uv_m, mut worst_m2) = (first.center_uv_m, 0.0);
+        for nodes in &table.facets {
+            let (frame, worst_m2) = (&frame, &mut worst_m2);
+            self.width.run(Away { nodes, center_uv_m, uv_m, frame, x, worst_m2 });
+        }
+        worst_m2.sqrt()
+    }
+
     /// Numbers of a field that passes go through.
     pub fn len(&self) -> usize {
         self.layout.len()
@@ -221,7 +265,7 @@ impl Solver {
         };
         match effect {
             None => {
-                let nodes = [&self.x, &self.v, &self.before];
+                let nodes = [&self.x, &self.v, &self.before, &self.ahead];
                 nodes.into_iter().map(|f| fields(f)).sum::<usize>()
                     + fields(&self.moves)
                     + self.weights.as_ref().map_or(0, Field::bytes)

@@ -24,6 +24,8 @@ pub(crate) struct Advance<'a> {
     pub v: &'a mut [Field; 3],
     /// Positions at the substep's start, metres.
     pub before: &'a mut [Field; 3],
+    /// Positions after it, metres.
+    pub ahead: &'a mut [Field; 3],
 }
 
 impl Pass for Advance<'_> {
@@ -35,6 +37,7 @@ impl Pass for Advance<'_> {
             let x = &mut self.x[axis].rows_mut()[..len];
             let v = &mut self.v[axis].rows_mut()[..len];
             let before = &mut self.before[axis].rows_mut()[..len];
+            let ahead = &mut self.ahead[axis].rows_mut()[..len];
             let fall = V::splat(if axis == 2 { self.fall_m_per_s } else { 0.0 });
             let (keep, dt_s) = (V::splat(self.keep), V::splat(self.dt_s));
             for at in (0..len).step_by(LANES) {
@@ -48,14 +51,17 @@ impl Pass for Advance<'_> {
                     }
                     old.store(before.as_mut_ptr().add(at));
                     speed.store(v.as_mut_ptr().add(at));
-                    old.add(speed.mul(dt_s)).store(x.as_mut_ptr().add(at));
+                    let new = old.add(speed.mul(dt_s));
+                    new.store(x.as_mut_ptr().add(at));
+                    new.store(ahead.as_mut_ptr().add(at));
                 }
             }
         }
     }
 }
 
-/// v = (x − x°)/dt.
+/// v ← v + (x − x̂)/dt, x̂ being where inertia alone had led: the same as (x − x°)/dt, but the
+/// rounding of x̂ does not become velocity.
 pub(crate) struct Settle<'a> {
     /// Numbers of a field to go through.
     pub len: usize,
@@ -63,8 +69,8 @@ pub(crate) struct Settle<'a> {
     pub per_s: f32,
     /// Positions, metres.
     pub x: &'a [Field; 3],
-    /// Positions at the substep's start, metres.
-    pub before: &'a [Field; 3],
+    /// Positions after inertia, metres.
+    pub ahead: &'a [Field; 3],
     /// Velocities, m/s.
     pub v: &'a mut [Field; 3],
 }
@@ -74,13 +80,14 @@ impl Pass for Settle<'_> {
     fn run<V: Lanes>(self) {
         let len = self.len;
         for axis in 0..3 {
-            let (x, before) = (&self.x[axis].rows()[..len], &self.before[axis].rows()[..len]);
+            let (x, ahead) = (&self.x[axis].rows()[..len], &self.ahead[axis].rows()[..len]);
             let v = &mut self.v[axis].rows_mut()[..len];
             for at in (0..len).step_by(LANES) {
                 // SAFETY: all have `len` numbers, a multiple of the lanes.
                 unsafe {
-                    let way = V::load(x.as_ptr().add(at)).sub(V::load(before.as_ptr().add(at)));
-                    way.mul(V::splat(self.per_s)).store(v.as_mut_ptr().add(at));
+                    let way = V::load(x.as_ptr().add(at)).sub(V::load(ahead.as_ptr().add(at)));
+                    let speed = V::load(v.as_ptr().add(at));
+                    speed.add(way.mul(V::splat(self.per_s))).store(v.as_mut_ptr().add(at));
                 }
             }
         }
@@ -166,5 +173,50 @@ impl Pass for RestOnTable<'_> {
                 to_y.sub(way_y.mul(share)).store(y.add(at));
             }
         }
+    }
+}
+
+/// Finds the lowest that any of these come, in the solver's frame. The rows' padding counts as
+/// nodes: at worst, something is thought to be lower than it is.
+pub(crate) struct Lowest<'a> {
+    /// Numbers of a field to go through.
+    pub len: usize,
+    /// Heights, metres.
+    pub z: &'a Field,
+    /// Upward velocities, m/s.
+    pub v_z: &'a Field,
+    /// How long they go on, seconds.
+    pub ahead_s: f32,
+    /// Heights of targets, and their confidences, where there are any.
+    pub targets: Option<(&'a Field, &'a Field)>,
+    /// Lowest height, metres.
+    pub lowest_m: &'a mut f32,
+}
+
+impl Pass for Lowest<'_> {
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let len = self.len;
+        let (z, v_z) = (&self.z.rows()[..len], &self.v_z.rows()[..len]);
+        let targets = self.targets.map(|(z, trust)| (&z.rows()[..len], &trust.rows()[..len]));
+        let (zero, mut lowest) = (V::splat(0.0), V::splat(*self.lowest_m));
+        for at in (0..len).step_by(LANES) {
+            // SAFETY: all have `len` numbers, a multiple of the lanes.
+            unsafe {
+                let height = V::load(z.as_ptr().add(at));
+                let fall = V::load(v_z.as_ptr().add(at)).min(zero).mul(V::splat(self.ahead_s));
+                lowest = height.add(fall).min(lowest);
+                if let Some((z, trust)) = targets {
+                    let trusted = V::load(trust.as_ptr().add(at)).above(zero);
+                    // Where there is no target, the node's own height once more.
+                    let way = V::load(z.as_ptr().add(at)).sub(height).keep(trusted);
+                    lowest = height.add(way).min(lowest);
+                }
+            }
+        }
+        let mut each = [0f32; LANES];
+        // SAFETY: the array has sixteen numbers.
+        unsafe { lowest.store(each.as_mut_ptr()) };
+        *self.lowest_m = each.into_iter().fold(f32::INFINITY, f32::min);
     }
 }

@@ -48,7 +48,7 @@ pub(crate) struct Project<'a> {
 }
 
 /// Squared length below which a link has no direction, m².
-const COINCIDENT_M2: f32 = 1e-18;
+pub(crate) const COINCIDENT_M2: f32 = 1e-18;
 
 const OFF: u8 = 0;
 const XPBD: u8 = 1;

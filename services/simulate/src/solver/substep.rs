@@ -11,7 +11,7 @@ use crate::effect::Effect;
 use orime_creases::Folds;
 
 /// Numbers that all substeps of a frame share.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Rates {
     /// Length of a substep, seconds.
     pub dt_s: f32,
@@ -90,8 +90,8 @@ impl Solver {
         self.substeps = self.substeps.wrapping_add(1);
         if rates.inertia {
             let (len, per_s) = (self.len(), 1.0 / rates.dt_s);
-            let (x, before, v) = (&self.x, &self.before, &mut self.v);
-            self.width.run(Settle { len, per_s, x, before, v });
+            let (x, ahead, v) = (&self.x, &self.ahead, &mut self.v);
+            self.width.run(Settle { len, per_s, x, ahead, v });
         }
         hooks.done(Part::Inertia);
     }
@@ -108,6 +108,7 @@ impl Solver {
             x: &mut self.x,
             v: &mut self.v,
             before: &mut self.before,
+            ahead: &mut self.ahead,
         });
     }
 
@@ -171,7 +172,9 @@ impl Solver {
         }
         for at in 0..count {
             let forward = self.substeps.is_multiple_of(2);
-            let nodes = &table.facets[if forward { at } else { count - 1 - at }];
+            let facet = if forward { at } else { count - 1 - at };
+            let nodes = &table.facets[facet];
+            let strength = strength * self.facet_shares.get(facet).copied().unwrap_or(1.0);
             if nodes.count < 3 {
                 continue;
             }

@@ -5,6 +5,7 @@
 //! is than a wide or a smooth one. It becomes a crease once that is enough.
 
 use super::hinge::{Bends, Fitter, Hinge, Window};
+use super::moments;
 use super::nodes::Nodes;
 use super::search::{STRIPS_MAX, Search};
 use crate::folds::Facet;
@@ -19,6 +20,8 @@ const BEND_RADIUS: f64 = 1.28;
 const FLATNESS: f64 = 0.05;
 /// Deviations from a rigid facet that are worth a search: noise, and a share of the spacing.
 const WORTH: (f64, f64) = (1.1, 0.03);
+/// A step searches every second direction, the next one the others.
+const STRIDE: usize = 2;
 /// Log-likelihood ratio that one more strip must gain to be looked at.
 const STRIP_EVIDENCE: f64 = 10.0;
 /// Standard errors by which a fold angle must differ from zero.
@@ -65,6 +68,7 @@ pub(crate) struct Judge {
     fits: Vec<(Border, Option<Hinge>)>,
     found: Vec<(Border, Hinge)>,
     best: Vec<(Border, Hinge)>,
+    turn: usize,
 }
 
 /// Where a fit starts; equal ones are fitted once.
@@ -83,6 +87,7 @@ impl Judge {
             fits: Vec::with_capacity(STRIPS_MAX * STRIPS_MAX),
             found: Vec::with_capacity(STRIPS_MAX),
             best: Vec::with_capacity(STRIPS_MAX),
+            turn: 0,
         }
     }
 
@@ -129,15 +134,17 @@ impl Judge {
     ) {
         self.fits.clear();
         self.best.clear();
-        self.search.run(view.nodes, view.members, 0, 1);
-        let residual_m = (self.search.best[1].cost_m2 / (3.0 * weight)).sqrt();
+        let residual_m = (rigid_residual_m2(view) / (3.0 * weight)).sqrt();
         if residual_m < WORTH.0 * view.nodes.noise_m + WORTH.1 * view.nodes.h_m {
             return;
         }
+        self.turn = (self.turn + 1) % STRIDE;
+        self.search.run(view.nodes, view.members, self.turn, STRIDE);
         let noise_m = view.nodes.noise_m.max(FLATNESS * view.nodes.h_m);
         for strips in 2..=STRIPS_MAX {
             let [before, after] = [strips - 1, strips].map(|k| self.search.best[k].cost_m2);
-            if (before - after) / (2.0 * noise_m * noise_m) < STRIP_EVIDENCE || after.is_infinite() {
+            if (before - after) / (2.0 * noise_m * noise_m) < STRIP_EVIDENCE || after.is_infinite()
+            {
                 break;
             }
             self.judge_division(view, strips);
@@ -228,6 +235,22 @@ impl Border {
     }
 }
 
+/// Squared distances of a facet's nodes from its best rigid pose, m².
+fn rigid_residual_m2(view: &View) -> f64 {
+    let Some(first) = view.members.iter().find(|n| view.nodes.weight[**n as usize] > 0.0) else {
+        return 0.0;
+    };
+    let origin = view.nodes.x_m[*first as usize];
+    let (none, mut sums) = ([0.0; 14], [0.0; 14]);
+    for n in view.members {
+        let n = *n as usize;
+        let x = view.nodes.x_m[n];
+        let x = [x[0] - origin[0], x[1] - origin[1], x[2] - origin[2]];
+        moments::add(&mut sums, view.nodes.weight[n], x, view.nodes.uv_m[n]);
+    }
+    moments::rigid_cost(&none, &sums)
+}
+
 /// Fits a line in a facet.
 fn fit(
     fitter: &mut Fitter,
@@ -243,17 +266,26 @@ fn fit(
 
 /// What bends count as creases.
 pub(crate) fn bends(params: &CreaseParams, h_m: f64) -> Bends {
-    Bends { width_m: params.bend_width * h_m, radius_m: BEND_RADIUS * h_m }
+    Bends {
+        width_m: params.bend_width * h_m,
+        radius_m: BEND_RADIUS * h_m,
+        angle_rad: params.angle_min_deg.to_radians(),
+    }
+}
+
+/// Variance of a coordinate about a fit, m², with what is not looked into.
+pub(crate) fn noise_m2(hinge: &Hinge, h_m: f64) -> f64 {
+    hinge.noise_m2(FLATNESS * h_m)
 }
 
 /// What a fit says for a crease (or against it).
 fn step_evidence(hinge: &Hinge, h_m: f64) -> f64 {
-    hinge.evidence(hinge.noise_m2(FLATNESS * h_m)).clamp(-EVIDENCE_STEP, EVIDENCE_STEP)
+    hinge.evidence(noise_m2(hinge, h_m)).clamp(-EVIDENCE_STEP, EVIDENCE_STEP)
 }
 
 /// Whether a fit is folded at all, and neither stretch nor noise.
 fn is_fold(hinge: &Hinge, view: &View) -> bool {
-    let error_rad = hinge.error_rad(hinge.noise_m2(FLATNESS * view.nodes.h_m));
+    let error_rad = hinge.error_rad(noise_m2(hinge, view.nodes.h_m));
     hinge.angle_rad > view.params.angle_min_deg.to_radians().max(ERRORS_MIN * error_rad)
         && hinge.stretch.iter().all(|s| STRETCH.contains(s))
 }
@@ -261,8 +293,7 @@ fn is_fold(hinge: &Hinge, view: &View) -> bool {
 /// Whether two fits are of one crease.
 fn same(a: &Hinge, b: &Hinge, h_m: f64) -> bool {
     let (p, q) = (a.line.direction, b.line.direction);
-    (p[0] * q[1] - p[1] * q[0]).abs() < SAME.0
-        && a.line.side_m(b.middle_m()).abs() < SAME.1 * h_m
+    (p[0] * q[1] - p[1] * q[0]).abs() < SAME.0 && a.line.side_m(b.middle_m()).abs() < SAME.1 * h_m
 }
 
 /// Drops candidates that are neighbours of stronger ones, or of creases, with the same sign.
@@ -274,9 +305,10 @@ fn drop_arcs(
     let mut at = 0;
     while at < candidates.len() {
         let Candidate { hinge, evidence, .. } = candidates[at];
-        let stronger = candidates.iter().enumerate().filter(|(other, c)| {
-            *other != at && (c.evidence, *other) > (evidence, at)
-        });
+        let stronger = candidates
+            .iter()
+            .enumerate()
+            .filter(|(other, c)| *other != at && (c.evidence, *other) > (evidence, at));
         let stronger = stronger.map(|(_, c)| (c.hinge.line, c.hinge.sign));
         if is_near(&hinge, known.clone(), h_m) || is_near(&hinge, stronger, h_m) {
             candidates.swap_remove(at);

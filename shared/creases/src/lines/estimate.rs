@@ -22,8 +22,12 @@ const SLOPE_MAX: f64 = 0.2;
 pub(crate) struct Estimate {
     /// The line that others see.
     pub line: Line,
-    /// What it was before the last [`Estimate::publish`].
-    before: Line,
+    /// Whether it was put on landmarks.
+    pub at_landmarks: bool,
+    /// Whether it is known beforehand, so that no fit moves it.
+    pub fixed: bool,
+    /// What the line was before the last [`Estimate::publish`].
+    before: (Line, bool),
     /// The line that offset and slope are against.
     base: Line,
     /// Information on (δ, γ): [[a, b], [b, c]], and the information-weighted sums.
@@ -36,7 +40,9 @@ impl Estimate {
     pub fn new(hinge: &Hinge, h_m: f64) -> Self {
         let mut estimate = Self {
             line: hinge.line,
-            before: hinge.line,
+            at_landmarks: false,
+            fixed: false,
+            before: (hinge.line, false),
             base: hinge.line,
             a: [0.0; 3],
             b: [0.0; 2],
@@ -70,18 +76,19 @@ impl Estimate {
         moved(&self.base, 0.0, offset_m, slope)
     }
 
-    /// Shows the best line to others.
-    pub fn publish(&mut self) {
-        self.before = self.line;
-        self.line = self.best();
+    /// Shows a line to others; `at_landmarks` where it is not the best one but near it.
+    pub fn publish(&mut self, line: Line, at_landmarks: bool) {
+        self.before = (self.line, self.at_landmarks);
+        (self.line, self.at_landmarks) = (line, at_landmarks);
     }
 
     /// Takes [`Estimate::publish`] back.
     pub fn withdraw(&mut self) {
-        self.line = self.before;
+        (self.line, self.at_landmarks) = self.before;
     }
 
-    /// Standard deviation of the line's offset at a material point, metres.
+    /// Standard deviation of the line's offset at a material point, metres, as if fits were
+    /// independent.
     pub fn deviation_m(&self, uv_m: [f64; 2]) -> f64 {
         let t = self.base.along_m(uv_m);
         let det = self.a[0] * self.a[2] - self.a[1] * self.a[1];

@@ -6,17 +6,21 @@
 //! |s| is rounded off over a width.
 
 use super::nodes::Nodes;
-use super::normal::Normal;
+use super::normal::{Column, Normal, Plane};
 use crate::line::Line;
+use std::f64::consts::PI;
 
 /// Farthest correction of one iteration, spacings.
 const STEP_MAX: f64 = 0.7;
 /// Widths of bends that count as kinks, as shares of the widest of them.
-const NARROW: [f64; 4] = [0.0, 0.33, 0.67, 1.0];
+const NARROW: [f64; 3] = [0.33, 0.67, 1.0];
 /// Widths of those that do not.
 const WIDE: [f64; 3] = [1.35, 1.85, 2.5];
-/// Half lengths of waves, as shares of the same.
-const WAVES: [f64; 3] = [1.35, 1.9, 2.7];
+/// Half lengths of waves, as shares of the same; the first also halved.
+const WAVES: [f64; 2] = [2.7, 1.9];
+/// What another column of a model gains by fitting noise alone, log-likelihood: half of its three
+/// coordinates, and something for noise that is smooth.
+const COLUMN_WORTH: f64 = 2.0;
 /// A bend wider than this share of the window cannot be told from a smooth one.
 const WIDTH_MAX: f64 = 0.9;
 
@@ -33,6 +37,8 @@ pub(crate) struct Hinge {
     /// Squared distances from the best narrow bend and from the best wide or smooth one, m².
     pub narrow_m2: f64,
     pub wide_m2: f64,
+    /// From the smooth one, which has one more column.
+    pub smooth_m2: f64,
     /// World metres per material metre on both sides.
     pub stretch: [f64; 2],
     /// Mean and variance of t, metres, metres².
@@ -56,6 +62,8 @@ pub(crate) struct Window<'a> {
 pub(crate) struct Bends {
     /// Narrower bends are kinks, metres.
     pub width_m: f64,
+    /// Below this angle rivals do not matter, radians.
+    pub angle_rad: f64,
     /// Wider ones too, where their radius is smaller than this, metres.
     pub radius_m: f64,
 }
@@ -108,7 +116,7 @@ impl Fitter {
             }
         }
         let scale = self.gather(nodes, members, &line, &window)?;
-        Some(self.judge(&line, &scale, window.reach_m, bends))
+        Some(self.judge(&line, &scale, &window, bends))
     }
 
     /// Takes the nodes of the window.
@@ -177,63 +185,82 @@ impl Fitter {
         [offset_m.clamp(-STEP_MAX * h_m, STEP_MAX * h_m), slope.clamp(-slope_max, slope_max)]
     }
 
-    /// Fits the kink and its rivals.
-    fn judge(&self, line: &Line, scale: &Scale, window_m: [f64; 2], bends: Bends) -> Hinge {
-        let (mut kink, mut smooth) = (Normal::<4>::new(), Normal::<5>::new());
+    /// Fits the kink and, where it is folded enough to matter, its rivals.
+    fn judge(&self, line: &Line, scale: &Scale, window: &Window, bends: Bends) -> Hinge {
+        let mut plane = Normal::<3>::new();
+        let mut kink = Column::NONE;
+        let mut smooth = [Column::NONE; 2];
+        let mut both = 0.0;
         for row in &self.rows {
             let (s, t) = (row.s / scale.reach_m, row.t / scale.half_m);
-            kink.add([1.0, s, t, s.abs()], row.x, row.weight);
-            smooth.add([1.0, s, t, s * s, s * s * s], row.x, row.weight);
+            let base = [1.0, s, t];
+            plane.add(base, row.x, row.weight);
+            kink.add(s.abs(), base, row.x, row.weight);
+            smooth[0].add(s * s, base, row.x, row.weight);
+            smooth[1].add(s * s * s, base, row.x, row.weight);
+            both += row.weight * s * s * s * s * s;
         }
-        let ((c, kink_m2), (_, smooth_m2)) = (kink.solve(1e-9), smooth.solve(1e-9));
-        let left = [0, 1, 2].map(|k| c[1][k] + c[3][k]);
-        let right = [0, 1, 2].map(|k| c[1][k] - c[3][k]);
+        let plane = Plane::new(&plane);
+        let (kinked, kink_m2) = plane.with(&kink);
+        let left = [0, 1, 2].map(|k| kinked[1][k] + kinked[3][k]);
+        let right = [0, 1, 2].map(|k| kinked[1][k] - kinked[3][k]);
         let turn = cross(&right, &left);
         let angle_rad = dot(&turn, &turn).sqrt().atan2(dot(&left, &right));
-        let width_m = bends.width_m.max(bends.radius_m * angle_rad);
-        let stretch = [right, left].map(|d| dot(&d, &d).sqrt() / scale.reach_m);
-        let seen_m = WIDTH_MAX * (window_m[0] + window_m[1]);
-        let best = |shares: &[f64]| {
-            let widths = shares.iter().map(|share| share * width_m).filter(|w| *w < seen_m);
-            widths.map(|w| self.arc_m2(scale, w)).fold(f64::INFINITY, f64::min)
-        };
-        let waves = WAVES.iter().map(|share| self.wave_m2(scale, share * bends.width_m));
-        let waves_m2 = waves.fold(f64::INFINITY, f64::min);
-        Hinge {
+        let mut hinge = Hinge {
             line: *line,
             angle_rad,
-            sign: if dot(&turn, &c[2]) < 0.0 { 1.0 } else { -1.0 },
+            sign: if dot(&turn, &kinked[2]) < 0.0 { 1.0 } else { -1.0 },
             weight: scale.weight,
-            narrow_m2: best(&NARROW[1..]).min(kink_m2),
-            wide_m2: best(&WIDE).min(smooth_m2).min(waves_m2),
-            stretch,
+            narrow_m2: kink_m2,
+            wide_m2: f64::INFINITY,
+            smooth_m2: plane.with_both(&smooth, both),
+            stretch: [right, left].map(|d| dot(&d, &d).sqrt() / scale.reach_m),
             along: [scale.middle_m, scale.variance_m2],
-            reach_m: window_m[0].min(window_m[1]),
+            reach_m: window.reach_m[0].min(window.reach_m[1]),
+        };
+        if angle_rad > bends.angle_rad {
+            self.fit_rivals(&mut hinge, scale, window, bends, &plane);
         }
+        hinge
     }
 
-    /// Squared distances from a wave whose crest is the line, m².
-    fn wave_m2(&self, scale: &Scale, half_length_m: f64) -> f64 {
-        let turns = std::f64::consts::PI * scale.reach_m / half_length_m;
-        let mut wave = Normal::<4>::new();
+    /// Arcs narrow and wide, and waves.
+    fn fit_rivals(
+        &self,
+        hinge: &mut Hinge,
+        scale: &Scale,
+        window: &Window,
+        bends: Bends,
+        plane: &Plane,
+    ) {
+        let width = bends.width_m.max(bends.radius_m * hinge.angle_rad) / scale.reach_m;
+        let narrow = NARROW.map(|share| share * width);
+        let wide = WIDE.map(|share| share * width);
+        let turns = WAVES.map(|share| PI * scale.reach_m / (share * bends.width_m));
+        let mut arcs = [Column::NONE; NARROW.len() + WIDE.len()];
+        let mut waves = [Column::NONE; 3];
         for row in &self.rows {
             let (s, t) = (row.s / scale.reach_m, row.t / scale.half_m);
-            wave.add([1.0, s, t, (turns * s).cos()], row.x, row.weight);
+            let (base, r) = ([1.0, s, t], s.abs());
+            for (arc, width) in arcs.iter_mut().zip(narrow.iter().chain(&wide)) {
+                let round = if r > width / 2.0 { r } else { s * s / width + width / 4.0 };
+                arc.add(round, base, row.x, row.weight);
+            }
+            let [long, short] = turns.map(|turns| (turns * s).cos());
+            waves[0].add(long, base, row.x, row.weight);
+            waves[1].add(short, base, row.x, row.weight);
+            // Half as long as the long one.
+            waves[2].add(2.0 * long * long - 1.0, base, row.x, row.weight);
         }
-        wave.solve(1e-9).1
-    }
-
-    /// Squared distances from two planes with an arc of a width between them, m².
-    fn arc_m2(&self, scale: &Scale, width_m: f64) -> f64 {
-        let width = width_m / scale.reach_m;
-        let mut arc = Normal::<4>::new();
-        for row in &self.rows {
-            let (s, t) = (row.s / scale.reach_m, row.t / scale.half_m);
-            let r = s.abs();
-            let round = if r > width / 2.0 { r } else { s * s / width + width / 4.0 };
-            arc.add([1.0, s, t, round], row.x, row.weight);
+        let seen = WIDTH_MAX * (window.reach_m[0] + window.reach_m[1]) / scale.reach_m;
+        for (k, _) in narrow.iter().chain(&wide).enumerate().filter(|(_, w)| **w < seen) {
+            let arc_m2 = plane.with(&arcs[k]).1;
+            let best_m2 = if k < NARROW.len() { &mut hinge.narrow_m2 } else { &mut hinge.wide_m2 };
+            *best_m2 = best_m2.min(arc_m2);
         }
-        arc.solve(1e-9).1
+        for wave in &waves {
+            hinge.wide_m2 = hinge.wide_m2.min(plane.with(wave).1);
+        }
     }
 }
 
@@ -250,7 +277,8 @@ impl Hinge {
 
     /// Log-likelihood ratio of narrow bends against wide and smooth ones.
     pub fn evidence(&self, noise_m2: f64) -> f64 {
-        (self.wide_m2 - self.narrow_m2) / (2.0 * noise_m2)
+        let ratio = |other_m2: f64| (other_m2 - self.narrow_m2) / (2.0 * noise_m2);
+        ratio(self.wide_m2).min(ratio(self.smooth_m2) + COLUMN_WORTH)
     }
 
     /// The middle of the nodes along the line, (u, v), metres.

@@ -136,6 +136,7 @@ fn line_errors(scene: &Scene, finder: &CreaseFinder, labels: &[u8]) -> [f64; 2] 
         };
         let apart = |line: &Line| line.side_m(middle).abs() + turned(line) * length_m / 2.0;
         let own = own.min_by(|p, q| apart(p).total_cmp(&apart(q)));
+        let own = own.filter(|_| finder.cluster_fits().is_empty());
         if let Some(line) = own.or_else(|| through(&near)) {
             errors[0] += turned(&line).to_degrees();
             errors[1] += line.side_m(middle).abs();

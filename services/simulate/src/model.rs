@@ -1,0 +1,155 @@
+//! The sheet as it is followed: the simulator, the fold lines found in its targets, and contact.
+//!
+//! ```text
+//! targets ─► fold lines (facets, creases) ─► facets that bend give way
+//!         ─► simulator: substeps ─► contact: no layer in another ─► state
+//!                                              prediction ◄────────────┘
+//! ```
+
+use crate::effect::Effect;
+use crate::params::SimulateConfig;
+use crate::simulator::{SimulateReport, Simulator};
+use orime_contact::{ContactReport, FacetContact};
+use orime_creases::{CreaseFinder, FacetFrame, Folds};
+use orime_geometry::SheetGrid;
+
+/// Nodes that are trusted less than this say nothing about whether a facet bends.
+const SEEN: f32 = 0.3;
+/// Fewest such nodes of a facet that do.
+const SEEN_MIN: usize = 6;
+
+/// What one step did.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct ModelReport {
+    /// The simulator's word.
+    pub simulate: SimulateReport,
+    /// What contact did to the state.
+    pub contact: ContactReport,
+    /// Whether the facets changed.
+    pub refolded: bool,
+}
+
+/// The followed sheet.
+#[derive(Debug, Clone)]
+pub struct SheetModel {
+    simulator: Simulator,
+    finder: CreaseFinder,
+    contact: Option<FacetContact>,
+    /// How far a facet's targets may lie off a rigid pose, metres.
+    bend_tolerance_m: f64,
+    seen: Vec<u32>,
+    shares: Vec<f32>,
+    positions_m: Vec<[f32; 3]>,
+    predicted_m: Vec<[f32; 3]>,
+}
+
+impl SheetModel {
+    /// A flat sheet, or one of the template's shape, at rest.
+    pub fn new(
+        config: &SimulateConfig,
+        sheet: &SheetGrid,
+        density_kg_per_m2: f64,
+        rest_m: Option<&[[f32; 3]]>,
+    ) -> Self {
+        let params = &config.params;
+        let side_m = (sheet.size_m[0] + sheet.size_m[1]) / 2.0;
+        let has_contact = params.effects.contains(&Effect::SelfContact);
+        let simulator = Simulator::new(config, sheet, density_kg_per_m2, rest_m);
+        Self {
+            finder: CreaseFinder::new(&config.folds, sheet),
+            contact: has_contact.then(|| FacetContact::new(&config.self_contact, sheet)),
+            bend_tolerance_m: params.facets.bend_tolerance * side_m,
+            seen: Vec::with_capacity(sheet.len()),
+            shares: Vec::new(),
+            positions_m: simulator.positions_m().to_vec(),
+            predicted_m: simulator.positions_m().to_vec(),
+            simulator,
+        }
+    }
+
+    /// Advances by `dt_s` towards the targets, see [`Simulator::step`], and predicts as far ahead.
+    pub fn step(
+        &mut self,
+        dt_s: f64,
+        targets_m: &[[f32; 3]],
+        confidence: &[f32],
+        reset: bool,
+    ) -> ModelReport {
+        let mut report = ModelReport::default();
+        if reset {
+            self.finder.reset();
+        }
+        report.refolded = self.finder.step(targets_m, confidence);
+        self.simulator.set_folds(self.finder.folds());
+        self.soften(targets_m, confidence);
+        report.simulate = self.simulator.step(dt_s, targets_m, confidence, reset);
+        self.positions_m.copy_from_slice(self.simulator.positions_m());
+        let folds = self.simulator.folds();
+        let mut contact = self.contact.as_mut().filter(|_| folds.facets().len() > 1);
+        if let Some(contact) = &mut contact {
+            report.contact = contact.project(&mut self.positions_m, folds);
+            if report.contact.moved_m > 0.0 {
+                self.simulator.correct(dt_s, &self.positions_m);
+            }
+        }
+        // A facet that is split later inherits the order that is known by then.
+        if self.finder.folds().facets().len() > 1 {
+            self.finder.folds_mut().observe(&self.positions_m);
+        }
+        self.predicted_m.copy_from_slice(self.simulator.predict(dt_s));
+        if let Some(contact) = &mut contact {
+            contact.project(&mut self.predicted_m, self.simulator.folds());
+        }
+        report
+    }
+
+    /// The simulator, to be set up before the first step.
+    pub fn simulator_mut(&mut self) -> &mut Simulator {
+        &mut self.simulator
+    }
+
+    /// Node positions, world frame, metres, index order of the sheet.
+    pub fn positions_m(&self) -> &[[f32; 3]] {
+        &self.positions_m
+    }
+
+    /// Where the nodes are expected one step later, same form.
+    pub fn predicted_m(&self) -> &[[f32; 3]] {
+        &self.predicted_m
+    }
+
+    /// Facets, creases and layer order.
+    pub fn folds(&self) -> &Folds {
+        self.simulator.folds()
+    }
+
+    /// The facet or, in the paper's mode, the cluster of every node.
+    pub fn clusters(&self) -> &[u8] {
+        self.finder.clusters()
+    }
+
+    /// A facet gives way where its targets lie off any rigid pose: a crease is about to form there,
+    /// and can only be found once the sheet may bend.
+    fn soften(&mut self, targets_m: &[[f32; 3]], confidence: &[f32]) {
+        let folds = self.simulator.folds();
+        self.shares.clear();
+        for facet in 0..folds.facets().len() {
+            self.seen.clear();
+            let members = folds.members(facet).iter().copied();
+            self.seen.extend(members.filter(|node| confidence[*node as usize] > SEEN));
+            let residual_m = if self.seen.len() < SEEN_MIN {
+                0.0
+            } else {
+                FacetFrame::fit(folds.sheet(), &self.seen, targets_m).residual_m
+            };
+            let ratio = residual_m / self.bend_tolerance_m;
+            // NaN, where a target is not finite, changes nothing.
+            self.shares.push(if ratio.is_finite() {
+                1.0 / (1.0 + ratio.powi(4)) as f32
+            } else {
+                1.0
+            });
+        }
+        self.simulator.set_facet_shares(&self.shares);
+    }
+}

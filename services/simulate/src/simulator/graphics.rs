@@ -1,0 +1,204 @@
+//! A simulator whose substeps run on the graphics processor.
+
+use super::{Pulls, Simulator};
+use crate::contact::Part;
+use crate::gpu::{GpuError, Model, Path, Points, Sheets};
+use crate::params::Backend;
+use crate::solver::field::Field;
+use crate::solver::{Damp, Rates, Solver};
+
+/// Nodes from which on a sheet is cut into dispatches of its own.
+const APART_NODES: u32 = 2048;
+/// Frames that a backend is measured over; the first warms it up.
+const MEASURED_FRAMES: usize = 8;
+
+/// What runs elsewhere.
+#[derive(Debug, Clone)]
+pub(super) struct Graphics {
+    sheets: Sheets,
+    model: Model,
+    points: [Points; 3],
+}
+
+/// Which backend was chosen, and why.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Chosen {
+    /// The adapter, or `None` for the CPU.
+    pub adapter: Option<String>,
+    /// Measured seconds a frame on CPU and graphics processor; NaN where not measured.
+    pub frame_s: [f64; 2],
+    /// What kept the graphics processor from being used, if anything.
+    pub refused: Option<String>,
+}
+
+impl Graphics {
+    /// Room for that many sheets like this one.
+    pub(super) fn new(solver: &Solver, path: Path, sheets: u32) -> Result<Self, GpuError> {
+        let model = Model::new(solver);
+        let nodes = (solver.layout.nodes[0] * solver.layout.nodes[1]) as u32;
+        let points = [(); 3].map(|()| vec![[0.0; 4]; (nodes * sheets) as usize]);
+        let sheets = Sheets::new(&model, nodes, sheets, path)?;
+        Ok(Self { sheets, model, points })
+    }
+
+    /// Whether a sheet has the links and facets that these have.
+    pub(super) fn fits(&self, solver: &Solver) -> bool {
+        self.model == Model::new(solver)
+    }
+
+    /// The adapter's name.
+    pub(super) fn adapter(&self) -> &str {
+        self.sheets.adapter()
+    }
+
+    /// All substeps of a frame, of all sheets.
+    pub(super) fn advance(
+        &mut self,
+        solvers: &mut [&mut Solver],
+        rates: &Rates,
+        substeps: u32,
+    ) -> Result<(), GpuError> {
+        let Some(first) = solvers.first() else { return Ok(()) };
+        let frame = self.model.frame(first, rates, substeps);
+        let nodes = frame.nodes as usize;
+        let [x, v, targets] = &mut self.points;
+        for (sheet, solver) in solvers.iter().enumerate() {
+            let at = sheet * nodes..(sheet + 1) * nodes;
+            fill(solver, &solver.x, solver.weights.as_ref(), 1.0, &mut x[at.clone()]);
+            fill(solver, &solver.v, None, 0.0, &mut v[at.clone()]);
+            match &solver.targets {
+                Some(pulls) if pulls.count > 0 => {
+                    fill(solver, &pulls.at_m, Some(&pulls.ratio), 0.0, &mut targets[at]);
+                }
+                _ => targets[at].fill([0.0; 4]),
+            }
+        }
+        self.sheets.step(&frame, targets, x, v)?;
+        for (sheet, solver) in solvers.iter_mut().enumerate() {
+            let (layout, at) = (solver.layout, sheet * nodes..(sheet + 1) * nodes);
+            for (fields, points) in [(&mut solver.x, &*x), (&mut solver.v, &*v)] {
+                for (axis, field) in fields.iter_mut().enumerate() {
+                    let rows = field.rows_mut();
+                    for (place, point) in layout.places().zip(&points[at.clone()]) {
+                        rows[place] = point[axis];
+                    }
+                }
+            }
+            solver.substeps = solver.substeps.wrapping_add(substeps);
+        }
+        Ok(())
+    }
+}
+
+/// Whether the graphics processor can do all that is awake.
+pub(super) fn can_do(solver: &Solver, rates: &Rates) -> bool {
+    solver.anchors.is_empty()
+        && solver.hinges.is_empty()
+        && solver.plastic_links.is_empty()
+        && !(solver.has_contact && rates.contact_awake)
+        && solver.damping.is_none_or(|(damp, _)| damp != Damp::Paper)
+}
+
+fn fill(
+    solver: &Solver,
+    fields: &[Field; 3],
+    fourth: Option<&Field>,
+    otherwise: f32,
+    points: &mut [[f32; 4]],
+) {
+    let [x, y, z] = fields.each_ref().map(|field| field.rows());
+    let fourth = fourth.map(Field::rows);
+    for (place, point) in solver.layout.places().zip(points) {
+        *point = [x[place], y[place], z[place], fourth.map_or(otherwise, |w| w[place])];
+    }
+}
+
+impl Simulator {
+    /// Chooses where the substeps run, as the scene asks: `auto` measures both on the sheet as it
+    /// is, with the caller's clock (seconds). No adapter is an error only where the scene asks
+    /// for `gpu`.
+    pub fn choose_backend(&mut self, now_s: &mut dyn FnMut() -> f64) -> Result<Chosen, GpuError> {
+        let mut chosen = Chosen { adapter: None, frame_s: [f64::NAN; 2], refused: None };
+        self.graphics = None;
+        if self.params.backend == Backend::Cpu {
+            return Ok(chosen);
+        }
+        if let (Backend::Auto, Some(effect)) = (self.params.backend, self.params.cpu_only()) {
+            chosen.refused = Some(format!("{} runs on the CPU only", effect.name()));
+            return Ok(chosen);
+        }
+        let path =
+            if self.world.len() as u32 >= APART_NODES { Path::Apart } else { Path::OneWorkgroup };
+        let graphics = match Graphics::new(&self.solver, path, 1) {
+            Ok(graphics) => graphics,
+            Err(error) if self.params.backend == Backend::Auto => {
+                chosen.refused = Some(error.to_string());
+                return Ok(chosen);
+            }
+            Err(error) => return Err(error),
+        };
+        let adapter = graphics.adapter().to_owned();
+        if self.params.backend == Backend::Auto {
+            let mut trial = self.clone();
+            let on_cpu = trial.measured_s(now_s);
+            trial = self.clone();
+            trial.graphics = Some(Box::new(graphics.clone()));
+            chosen.frame_s = [on_cpu, trial.measured_s(now_s)];
+            if chosen.frame_s[0] <= chosen.frame_s[1] || trial.graphics.is_none() {
+                return Ok(chosen);
+            }
+        }
+        self.graphics = Some(Box::new(graphics));
+        chosen.adapter = Some(adapter);
+        Ok(chosen)
+    }
+
+    /// Least seconds of a frame that pulls the sheet a little.
+    fn measured_s(&mut self, now_s: &mut dyn FnMut() -> f64) -> f64 {
+        let targets_m: Vec<[f32; 3]> =
+            self.world.iter().map(|x| [x[0], x[1], x[2] + 1e-3]).collect();
+        let confidence = vec![1.0; targets_m.len()];
+        let pulls = Pulls { targets_m: &targets_m, confidence: &confidence };
+        let mut least_s = f64::INFINITY;
+        for frame in 0..=MEASURED_FRAMES {
+            let start_s = now_s();
+            self.step_with(super::FRAME_S_NOMINAL, pulls, false, &mut Default::default());
+            if frame > 0 {
+                least_s = least_s.min(now_s() - start_s);
+            }
+        }
+        least_s
+    }
+
+    /// Runs the frame's substeps on the graphics processor, if it was chosen and can do all that
+    /// is awake; says whether it did. A processor that fails is not asked again.
+    pub(super) fn advance_on_gpu(
+        &mut self,
+        rates: &Rates,
+        substeps: u32,
+        watch: &mut Option<&mut (dyn FnMut(Part) + '_)>,
+    ) -> bool {
+        let Some(graphics) = &mut self.graphics else { return false };
+        let solver = &mut self.solver;
+        if !can_do(solver, rates) {
+            return false;
+        }
+        let result = graphics.advance(&mut [solver], rates, substeps);
+        if result.is_err() {
+            self.graphics = None;
+        } else if let Some(watch) = watch {
+            watch(Part::Inertia);
+        }
+        result.is_ok()
+    }
+
+    /// Tells the graphics processor of new links and facets.
+    pub(super) fn renew_graphics(&mut self) {
+        let Some(graphics) = &mut self.graphics else { return };
+        let model = Model::new(&self.solver);
+        match graphics.sheets.renewed(&model) {
+            Ok(sheets) => (graphics.sheets, graphics.model) = (sheets, model),
+            Err(_) => self.graphics = None,
+        }
+    }
+}

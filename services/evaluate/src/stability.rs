@@ -42,7 +42,7 @@ pub struct Verdict {
 type Run = fn(u64) -> Vec<Outcome>;
 
 /// Every case: its number, and what runs it from a seed.
-const CASES: [(u32, Run); 39] = [
+const CASES: [(u32, Run); 42] = [
     (1, solver::hangs),
     (2, solver::coincident_nodes),
     (3, solver::mass_ratio),
@@ -52,7 +52,10 @@ const CASES: [(u32, Run); 39] = [
     (7, layers::teleport),
     (8, solver::not_finite),
     (9, solver::degenerate_triangles),
-    (10, layers::stacks),
+    (10, layers::two_layers),
+    (10, layers::four_layers),
+    (10, layers::pleats),
+    (10, layers::eight_layers),
     (11, layers::press),
     (12, layers::crumple),
     (13, solver::grippers_apart),

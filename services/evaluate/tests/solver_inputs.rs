@@ -13,7 +13,11 @@ fn simulator() -> (Simulator, Vec<[f32; 3]>) {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig {
+        cases: 64,
+        failure_persistence: None,
+        ..ProptestConfig::default()
+    })]
 
     #[test]
     fn any_target_trust_and_frame_length_leave_it_finite(

@@ -111,8 +111,7 @@ fn crossing([a, b]: [[f64; 3]; 2], [c, d]: [[f64; 3]; 2]) -> Option<[f64; 2]> {
     let (e, f) = ([b[0] - a[0], b[1] - a[1]], [d[0] - c[0], d[1] - c[1]]);
     let det = e[0] * f[1] - e[1] * f[0];
     let squares = (e[0] * e[0] + e[1] * e[1]) * (f[0] * f[0] + f[1] * f[1]);
-    // Phrased so that NaN does not cross.
-    if !(det * det > PARALLEL * PARALLEL * squares) {
+    if det.is_nan() || det * det <= PARALLEL * PARALLEL * squares {
         return None;
     }
     let from = [c[0] - a[0], c[1] - a[1]];
@@ -228,7 +227,7 @@ impl EdgeEdge {
         let (e, f, from) = (q - p, s - r, r - p);
         let across = f.cross(normal);
         let det = e.dot(&across);
-        if !(det.abs() > PARALLEL_SOLVED * flat_m2) {
+        if det.is_nan() || det.abs() <= PARALLEL_SOLVED * flat_m2 {
             return;
         }
         let a = from.dot(&across) / det;

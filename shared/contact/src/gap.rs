@@ -47,7 +47,7 @@ impl Gaps<'_> {
     }
 
     /// Gap between a node of facet `g` and a crease of facet `f`, metres.
-    pub fn to_spine(&self, f: usize, g: usize, node: u32) -> f64 {
+    pub fn beside_spine(&self, f: usize, g: usize, node: u32) -> f64 {
         let corner_m = self.topology.corner_distance_m(f, g, node);
         self.params.spine_gap_m.min(self.params.spine_slope * corner_m)
     }

@@ -13,8 +13,8 @@
 //!     meet back to back                                  (node_triangle, edge_edge, spine)
 //!   `sweeps` × (links, contacts), then 3 × contacts, the last write           (project)
 //!   until no contact is below half its gap
-//! gap = clip(slope·r, gap_min, thickness), r = distance to a corner or crease of both facets and to
-//!   any of their creases that is folded past 90°
+//! gap = clip(slope·r, gap_min, thickness), r = distance to a corner or crease of both facets and
+//!   to any of their creases that is folded past 90°
 //! ```
 //!
 //! What is not folded flat, and the last write to the positions, is [`GenericContact`]'s: it knows

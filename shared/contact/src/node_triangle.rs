@@ -148,8 +148,7 @@ fn below(
     let (e, f, r) = (b - a, c - a, p - a);
     let across = f.cross(normal);
     let det = e.dot(&across);
-    // Phrased so that NaN is no contact.
-    if !(det.abs() > flat_m2) {
+    if det.is_nan() || det.abs() <= flat_m2 {
         return None;
     }
     let v = r.dot(&across) / det;

@@ -81,7 +81,7 @@ impl Search<'_> {
                 {
                     continue;
                 }
-                let corner_gap_m = |f| self.gaps.to_spine(f, g, *node);
+                let corner_gap_m = |f| self.gaps.beside_spine(f, g, *node);
                 let gap_m = corner_gap_m(left).min(corner_gap_m(right));
                 let place = SpinePoint { nodes: [*node; 2], t: 0.0, along_m: 0.0 };
                 found.extend(self.contact(crease, opening, &place, opening.inward, gap_m));

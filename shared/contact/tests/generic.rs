@@ -31,7 +31,11 @@ fn waves() -> impl Strategy<Value = Vec<[f64; 5]>> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig {
+        cases: 48,
+        failure_persistence: None,
+        ..ProptestConfig::default()
+    })]
 
     /// From a flat sheet through a chain of wild poses nothing ever passes through anything.
     #[test]

@@ -80,37 +80,58 @@ fn folded(
     }
 }
 
-/// Case 10: stacks of 2, 4 and 8 layers whose targets coincide.
-pub fn stacks(_seed: u64) -> Vec<Outcome> {
-    let mut outcomes = Vec::new();
-    for (nodes, thickness_m) in [(25, 1e-4), (25, 3e-4), (50, 1e-4)] {
-        let sheet = square(nodes);
-        let size = format!("{nodes}×{nodes}, {} mm", 1e3 * thickness_m);
-        let two = with_and_without(folded(&sheet, thickness_m, 1, 70));
-        outcomes.push(judge(10, format!("2 layers, {size}"), SETTLED, &two, is_settled));
-        if nodes == 50 {
-            continue;
+/// Nodes along a side and thickness, metres, of the stacks.
+const SIZES: [(usize, f64); 2] = [(25, 1e-4), (25, 3e-4)];
+
+/// A stack in these sizes.
+fn stacks(
+    name: &str,
+    criterion: &str,
+    sizes: &[(usize, f64)],
+    make: impl Fn(&SheetGrid, f64) -> Scene<'static>,
+    also: impl Fn(&Played) -> bool,
+) -> Vec<Outcome> {
+    let one = |(nodes, thickness_m): &(usize, f64)| {
+        let played = with_and_without(|| make(&square(*nodes), *thickness_m));
+        let name = format!("{name}, {nodes}×{nodes}, {} mm", 1e3 * thickness_m);
+        judge(10, name, criterion, &played, &also)
+    };
+    sizes.iter().map(one).collect()
+}
+
+/// Case 10: a half fold whose targets lie in each other.
+pub fn two_layers(_seed: u64) -> Vec<Outcome> {
+    let sizes = [SIZES[0], SIZES[1], (50, 1e-4)];
+    let make = |sheet: &SheetGrid, thickness_m| folded(sheet, thickness_m, 1, 70)();
+    stacks("2 layers", SETTLED, &sizes, make, is_settled)
+}
+
+/// Case 10: two half folds.
+pub fn four_layers(_seed: u64) -> Vec<Outcome> {
+    let make = |sheet: &SheetGrid, thickness_m| folded(sheet, thickness_m, 2, 100)();
+    stacks("4 layers", SETTLED, &SIZES, make, is_settled)
+}
+
+/// Case 10: eight pleats.
+pub fn pleats(_seed: u64) -> Vec<Outcome> {
+    let make = |sheet: &SheetGrid, thickness_m| {
+        let lines: Vec<f64> = (1..8).map(|k| f64::from(k) * sheet.size_m[0] / 8.0).collect();
+        let shape = sheet.clone();
+        Scene {
+            facets: between(sheet, &lines, &[]),
+            targets: everywhere(move |time_s| pleated(&shape, time_s)),
+            ..folded(sheet, thickness_m, 1, 80)()
         }
-        let four = with_and_without(folded(&sheet, thickness_m, 2, 100));
-        outcomes.push(judge(10, format!("4 layers, {size}"), SETTLED, &four, is_settled));
-        let pleats = with_and_without(|| Scene {
-            facets: between(
-                &sheet,
-                &std::array::from_fn::<f64, 7, _>(|k| (k + 1) as f64 * sheet.size_m[0] / 8.0),
-                &[],
-            ),
-            targets: everywhere(|time_s| pleated(&sheet, time_s)),
-            ..folded(&sheet, thickness_m, 1, 80)()
-        });
-        outcomes.push(judge(10, format!("8 pleats, {size}"), SETTLED, &pleats, is_settled));
-        let eight = with_and_without(folded(&sheet, thickness_m, 3, 140));
-        let closed = |played: &Played| played.stretch < STRETCH_MAX && played.error_end_m < 2e-3;
-        let criterion =
-            "0 crossings, order kept, stretch < 5 %, closed within 2 mm; crosses without";
-        let name = format!("8 layers by three half folds, {size}");
-        outcomes.push(judge(10, name, criterion, &eight, closed));
-    }
-    outcomes
+    };
+    stacks("8 pleats", SETTLED, &SIZES, make, is_settled)
+}
+
+/// Case 10: three half folds.
+pub fn eight_layers(_seed: u64) -> Vec<Outcome> {
+    let closed = |played: &Played| played.stretch < STRETCH_MAX && played.error_end_m < 2e-3;
+    let criterion = "0 crossings, order kept, stretch < 5 %, closed within 2 mm; crosses without";
+    let make = |sheet: &SheetGrid, thickness_m| folded(sheet, thickness_m, 3, 140)();
+    stacks("8 layers by three half folds", criterion, &SIZES, make, closed)
 }
 
 /// The free edge is pulled onto or through the lower half, which is held.

@@ -127,8 +127,8 @@ pub fn rms_m(a_m: &[[f32; 3]], b_m: &[[f32; 3]], counts: impl Fn(usize) -> bool)
     (sum / f64::from(count.max(1))).sqrt()
 }
 
-/// Plays a scene.
-pub fn play(scene: &Scene<'_>) -> Played {
+/// Contact, simulator and, where there are creases, what the targets make of the facets.
+fn set_up(scene: &Scene<'_>) -> (SelfContact, Simulator, Option<Folds>) {
     let sheet = &scene.sheet;
     let table = scene.params.effects.contains(&Effect::Table);
     // Contact works relative to the node in the middle of the pose that was taken over.
@@ -142,11 +142,18 @@ pub fn play(scene: &Scene<'_>) -> Played {
         contact.set_mobility(&scene.mobility);
         assert!(simulator.set_inverse_masses(&scene.mobility));
     }
-    let mut wanted =
+    let wanted =
         (!scene.facets.is_empty()).then(|| Folds::from_facets(sheet, scene.facets.clone()));
     if let Some(folds) = &wanted {
         simulator.set_folds(folds);
     }
+    (contact, simulator, wanted)
+}
+
+/// Plays a scene.
+pub fn play(scene: &Scene<'_>) -> Played {
+    let sheet = &scene.sheet;
+    let (mut contact, mut simulator, mut wanted) = set_up(scene);
     let triangles = sheet.triangles();
     let (mut last_m, mut was_on) = (Vec::new(), false);
     let mut played = Played { frames: scene.frames, ..Played::default() };

@@ -76,8 +76,7 @@ impl Pair {
         for advance in 0..ADVANCES {
             let at = [0, 1, 2, 3].map(|k| from[k] + (moves[k] - mean) * share);
             let free_m = self.nearest(&at).distance_m - margin_m;
-            // Phrased so that NaN stops.
-            if !(free_m > 0.0) {
+            if free_m.is_nan() || free_m <= 0.0 {
                 return if advance == 0 { 0.0 } else { 0.98 * share };
             }
             let step = STEP * free_m / relative_m;

@@ -48,8 +48,8 @@ impl GenericContact {
     }
 
     /// Pulls edges out of the triangles that they pierce, the shorter end first, until nothing
-    /// crosses: for what pokes through a little. It does not know which layer belongs where, so that
-    /// layers that lie in each other stay tangled; the report says so.
+    /// crosses: for what pokes through a little. It does not know which layer belongs where, so
+    /// that layers that lie in each other stay tangled; the report says so.
     pub fn untangle(&mut self, x_m: &mut [[f32; 3]]) -> UntangleReport {
         let before = self.crossings(x_m) as u32;
         let mut report =

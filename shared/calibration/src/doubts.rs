@@ -158,8 +158,8 @@ pub fn doubts_of_depth(cameras: &[RgbdCamera], depth_units: &[Vec<u16>]) -> Opti
         let better = share(&other)?;
         (better >= SHARE_MIN && better >= SHARE_RATIO * as_they_are).then(|| {
             format!(
-                "what two cameras see agrees for {:.0} % of the depth pixels, and would for {:.0} % \
-                 if {what}",
+                "what two cameras see agrees for {:.1} % of the depth pixels, and would for \
+                 {:.1} % if {what}",
                 100.0 * as_they_are,
                 100.0 * better
             )

@@ -37,7 +37,7 @@ pub enum CalibrationError {
 /// ```toml
 /// [[camera]]
 /// name = "cam1"           # as the source calls it
-/// world_from_color = { translation_m = [-0.33, -0.05, 0.42], rotation_ijkw = [0.0, 0.8, 0.1, 0.6] }
+/// world_from_color = { translation_m = [-0.3, 0.1, 0.4], rotation_ijkw = [0.0, 0.8, 0.0, 0.6] }
 /// depth = { bias_m = -0.004, scale = 1.0 }        # measured = scale · true + bias
 /// ```
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]

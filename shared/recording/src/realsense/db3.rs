@@ -44,7 +44,8 @@ fn list(database: &Connection) -> rusqlite::Result<Contents> {
     // Images are left where they are; a frame's own words come right behind it.
     let mut rows = database.prepare(
         "SELECT m.id, m.topic_id, CASE WHEN t.type LIKE '%CompressedImage' OR t.type LIKE '%/Image'
-         THEN NULL ELSE m.data END FROM messages m JOIN topics t ON t.id = m.topic_id ORDER BY m.id",
+         THEN NULL ELSE m.data END
+         FROM messages m JOIN topics t ON t.id = m.topic_id ORDER BY m.id",
     )?;
     let mut rows = rows.query([])?;
     while let Some(row) = rows.next()? {

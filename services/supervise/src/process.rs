@@ -79,13 +79,7 @@ impl Launch<'_> {
     ) -> Result<Process, Failure> {
         let program = program(stage)?;
         let log = self.out.join("logs").join(format!("{}.log", stage.name()));
-        let log_file = OpenOptions::new()
-            .create(true)
-            .write(true)
-            .append(resume.is_some())
-            .truncate(resume.is_none())
-            .open(&log)
-            .map_err(|error| Failure::machine(format!("writing `{}`: {error}", log.display())))?;
+        let log_file = open_log(&log, resume.is_some())?;
         let mut command = Command::new(&program);
         if stage == Stage::Judge {
             command.arg("watch").arg(self.set).arg("--out").arg(self.out);
@@ -143,6 +137,13 @@ impl Launch<'_> {
             ended: None,
         })
     }
+}
+
+/// Opens a stage's log; a successor goes on where its predecessor ended.
+fn open_log(log: &Path, goes_on: bool) -> Result<File, Failure> {
+    let opened =
+        OpenOptions::new().create(true).write(true).append(goes_on).truncate(!goes_on).open(log);
+    opened.map_err(|error| Failure::machine(format!("writing `{}`: {error}", log.display())))
 }
 
 /// The program of a stage, beside this one.

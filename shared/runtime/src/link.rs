@@ -16,12 +16,13 @@ use orime_messages::{Header, Message, Stage};
 
 use crate::channel::{Channel, NODES_MAX, Pace};
 use crate::error::RuntimeError;
+use crate::memory;
 use crate::publish::{FramePublisher, Publisher};
 use crate::resume::Resume;
 use crate::run::{RunId, make_private_dir};
 use crate::stop::Stop;
 use crate::subscribe::{FrameSubscription, Subscription};
-use crate::{memory, wire::Wire};
+use crate::wire::{Block, Wire};
 
 /// The flavour of iceoryx2 that we use: ports may be moved between threads.
 pub(crate) type Ipc = ipc_threadsafe::Service;
@@ -156,14 +157,11 @@ impl Link {
         mode: Mode,
     ) -> Result<FrameFactory, RuntimeError> {
         let qos = channel.qos(self.identity.pace, self.identity.cameras);
-        let alignment = iceoryx2::prelude::Alignment::new(orime_messages::FRAME_ALIGNMENT)
-            .ok_or_else(|| RuntimeError::channel(channel.name, "aligning", "not a power of 2"))?;
         let builder = self
             .node
             .service_builder(&service_name(channel)?)
-            .publish_subscribe::<[u8]>()
+            .publish_subscribe::<[Block]>()
             .user_header::<Wire<orime_messages::FrameMeta>>()
-            .payload_alignment(alignment)
             .enable_safe_overflow(qos.overflow)
             .subscriber_max_buffer_size(qos.buffer)
             .subscriber_max_borrowed_samples(qos.borrowed)
@@ -249,7 +247,7 @@ pub(crate) type TypedFactory<M> =
     iceoryx2::service::port_factory::publish_subscribe::PortFactory<Ipc, Wire<M>, ()>;
 pub(crate) type FrameFactory = iceoryx2::service::port_factory::publish_subscribe::PortFactory<
     Ipc,
-    [u8],
+    [Block],
     Wire<orime_messages::FrameMeta>,
 >;
 type EventFactory = iceoryx2::service::port_factory::event::PortFactory<Ipc>;

@@ -2,6 +2,7 @@
 
 use std::fs::OpenOptions;
 use std::io;
+use std::os::unix::fs::MetadataExt;
 
 use orime_messages::{
     Grippers, Message, ObservedCloud, SheetState, Stage, StageRecord, Targets, Truth,
@@ -13,6 +14,8 @@ use crate::run::{RunId, SHARED_MEMORY_DIR, shared_memory_of};
 
 /// iceoryx2's headers of one message and the rounding to its alignment, at most, bytes.
 const CHUNK_OVERHEAD: usize = 512;
+/// Unit of a file's `blocks`, bytes.
+const BLOCK_BYTES: u64 = 512;
 /// Management segments, connections and events of a whole set, at most, bytes.
 const MANAGEMENT_BYTES: u64 = 6 << 20;
 
@@ -50,8 +53,10 @@ pub(crate) fn reserve(run: RunId) -> io::Result<()> {
             Err(error) if is_not_ours(&error) => continue,
             Err(error) => return Err(error),
         };
-        let bytes = file.metadata()?.len();
-        if bytes > 0 {
+        let meta = file.metadata()?;
+        let bytes = meta.len();
+        // What others have reserved is not gone through again: a restarted stage is in a hurry.
+        if meta.blocks() * BLOCK_BYTES < bytes {
             fallocate(&file, FallocateFlags::empty(), 0, bytes)?;
         }
     }

@@ -20,7 +20,7 @@ use crate::gauge;
 use crate::link::{Ipc, Link, Mode};
 use crate::now_ns;
 use crate::stop::Stop;
-use crate::wire::Wire;
+use crate::wire::{Block, Wire};
 
 /// How long a publisher sleeps before it looks again for a free message in its pool.
 const POOL_POLL: Duration = Duration::from_micros(200);
@@ -52,7 +52,7 @@ pub struct Publisher<M: Message> {
 /// Writes frames into the frame channel.
 #[derive(Debug)]
 pub struct FramePublisher {
-    port: Port<Ipc, [u8], Wire<FrameMeta>>,
+    port: Port<Ipc, [Block], Wire<FrameMeta>>,
     outlet: Outlet,
 }
 
@@ -251,7 +251,7 @@ impl FramePublisher {
         let factory = link.frames(channel, Mode::OpenOrCreate)?;
         let identity = link.identity();
         let port = port(&factory, channel.pool(identity.pace, identity.cameras), link)
-            .initial_max_slice_len(frame_bytes)
+            .initial_max_slice_len(Block::count(frame_bytes))
             .create()
             .map_err(|error| RuntimeError::channel(channel.name, "making a publisher", error))?;
         Ok(Self { port, outlet: Outlet::new(link, channel)? })
@@ -268,20 +268,21 @@ impl FramePublisher {
     ) -> Result<Option<Sent<FrameWritten>>, RuntimeError> {
         let extent = FrameExtent::of(camera);
         let Some(mut sample) = self.outlet.loan(
-            || self.port.loan_slice_uninit(extent.total_bytes()),
+            || self.port.loan_slice_uninit(Block::count(extent.total_bytes())),
             || self.port.update_connections(),
         )?
         else {
             return Ok(None);
         };
-        // SAFETY: bytes in pages that the kernel zero-filled or this publisher wrote; any byte is
-        // a `u8`, and nobody else writes to a frame on loan.
-        let payload =
-            unsafe { &mut *(sample.payload_mut() as *mut [MaybeUninit<u8>] as *mut [u8]) };
+        // SAFETY: bytes in pages that the kernel zero-filled or this publisher wrote; any bytes
+        // are a `Block`, and nobody else writes to a frame on loan.
+        let blocks =
+            unsafe { &mut *(sample.payload_mut() as *mut [MaybeUninit<Block>] as *mut [Block]) };
+        let payload: &mut [u8] = bytemuck::cast_slice_mut(blocks);
         let (color_rgb, rest) = payload.split_at_mut(extent.depth_offset);
         let frame = RgbdFrameMut {
             color_rgb: &mut color_rgb[..extent.color_bytes],
-            depth_units: bytemuck::cast_slice_mut(rest),
+            depth_units: bytemuck::cast_slice_mut(&mut rest[..extent.depth_bytes]),
         };
         let written = write(frame);
         let mut header = self.outlet.header(lineage, 0);
@@ -320,7 +321,7 @@ impl FramePublisher {
         sample.user_header_mut().0 =
             FrameMeta { header, ..<FrameMeta as bytemuck::Zeroable>::zeroed() };
         sample
-            .write_from_fn(|_| 0)
+            .write_from_fn(|_| bytemuck::Zeroable::zeroed())
             .send()
             .map_err(|error| RuntimeError::channel(self.outlet.channel, "sending", error))?;
         self.outlet.wake(header.step);

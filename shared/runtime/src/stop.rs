@@ -21,8 +21,8 @@ impl Stop {
         Self::default()
     }
 
-    /// Raised by SIGTERM, and by SIGHUP for a process that another one will follow. SIGINT, which a terminal sends to everyone, is ignored: the supervisor
-    /// decides what a Ctrl-C means.
+    /// Raised by SIGTERM, and by SIGHUP for a process that another one will follow. SIGINT, which
+    /// a terminal sends to everyone, is ignored: the supervisor decides what a Ctrl-C means.
     pub fn on_terminate() -> io::Result<Self> {
         let stop = Self::new();
         signal_hook::flag::register(SIGTERM, Arc::clone(&stop.requested))?;

@@ -18,7 +18,7 @@ use crate::inbox::{Inbox, Resumed, STOP_POLL, Taken};
 use crate::link::{Ipc, Link, Mode};
 use crate::now_ns;
 use crate::stop::Stop;
-use crate::wire::Wire;
+use crate::wire::{Block, Wire};
 
 /// A message in shared memory, held until it is dropped.
 #[derive(Debug)]
@@ -45,7 +45,7 @@ impl<M: Message> Taken for Received<M> {
 /// A frame in shared memory, held until it is dropped.
 #[derive(Debug)]
 pub struct ReceivedFrame {
-    sample: Sample<Ipc, [u8], Wire<FrameMeta>>,
+    sample: Sample<Ipc, [Block], Wire<FrameMeta>>,
     /// When it was taken, `CLOCK_MONOTONIC`, nanoseconds.
     pub take_ns: u64,
 }
@@ -59,7 +59,7 @@ impl ReceivedFrame {
     /// The pixels, where capture wrote them; `None` where there are none or the sender's numbers
     /// do not fit the payload.
     pub fn view(&self) -> Option<RgbdFrame<'_>> {
-        let payload = self.sample.payload();
+        let payload: &[u8] = bytemuck::cast_slice(self.sample.payload());
         let extent = self.meta().extent();
         if self.meta().status != FrameStatus::Ok as u32 {
             return None;

@@ -189,3 +189,32 @@ fn guests_need_a_run() {
     let error = Guest::attach(RunId::new(), Pace::Lockstep, false, Stop::new()).unwrap_err();
     assert!(error.to_string().contains("is not there"), "{error}");
 }
+
+#[test]
+fn frames_take_the_memory_that_was_reckoned_with() {
+    let run = Run::new();
+    let lens = CameraModel {
+        width: 320,
+        height: 240,
+        fx_px: 300.0,
+        fy_px: 300.0,
+        cx_px: 160.0,
+        cy_px: 120.0,
+        distortion: [0.0; 5],
+    };
+    let camera = RgbdCamera {
+        name: "one".to_owned(),
+        color: lens.clone(),
+        depth: lens,
+        color_from_depth: Isometry3::identity(),
+        world_from_color: Isometry3::identity(),
+        depth_m_per_unit: 0.001,
+    };
+    let writer = run.join(Stage::Capture, Pace::Realtime);
+    let _frames = FramePublisher::new(&writer, std::slice::from_ref(&camera)).unwrap();
+    let sizes =
+        shared_memory_of(run.0).unwrap().into_iter().map(|path| path.metadata().unwrap().len());
+    let (taken, reckoned) = (sizes.sum::<u64>(), needed_bytes(Pace::Realtime, 1, 384_000));
+    assert!(taken < reckoned, "{taken} bytes, {reckoned} were reckoned with");
+    assert!(taken > 384_000 * channel::FRAME.pool(Pace::Realtime, 1) as u64, "the pool is there");
+}

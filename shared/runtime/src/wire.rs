@@ -2,8 +2,9 @@
 
 use std::fmt;
 
+use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
-use orime_messages::Message;
+use orime_messages::{FRAME_ALIGNMENT, Message};
 
 /// A message as iceoryx2 sees it.
 #[repr(transparent)]
@@ -15,6 +16,30 @@ pub(crate) struct Wire<M: Message>(pub(crate) M);
 unsafe impl<M: Message> ZeroCopySend for Wire<M> {
     unsafe fn type_name() -> &'static str {
         M::TYPE_NAME
+    }
+}
+
+/// The unit that frames' payloads are made of; it brings their alignment.
+///
+/// Not `[u8]` with an alignment of its own: iceoryx2 0.10 then reserves that many bytes for every
+/// single one, 64 times the memory.
+#[repr(C, align(64))]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+pub(crate) struct Block([u8; FRAME_ALIGNMENT]);
+
+const _: () = assert!(align_of::<Block>() == FRAME_ALIGNMENT);
+
+impl Block {
+    /// Blocks that hold so many bytes; never none.
+    pub(crate) fn count(bytes: usize) -> usize {
+        bytes.div_ceil(FRAME_ALIGNMENT).max(1)
+    }
+}
+
+// SAFETY: `Block` is `Pod`: bytes, without padding, with one representation in every process.
+unsafe impl ZeroCopySend for Block {
+    unsafe fn type_name() -> &'static str {
+        "orime.FrameBlock.v1"
     }
 }
 

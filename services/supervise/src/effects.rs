@@ -229,8 +229,8 @@ mod tests {
 
     #[test]
     fn what_is_named_is_in_the_table_and_nothing_else() {
-        let mut params = SimulateParams::default();
-        params.effects = vec![Effect::Stretch, Effect::Facets, Effect::Track, Effect::SelfContact];
+        let effects = vec![Effect::Stretch, Effect::Facets, Effect::Track, Effect::SelfContact];
+        let params = SimulateParams { effects, ..SimulateParams::default() };
         let sheet = SheetGrid::new([0.15; 2], [25, 25]);
         let config = params.check().unwrap();
         let simulator = Simulator::new(&config, &sheet, 0.08, None);

@@ -116,9 +116,8 @@ fn unless_absent<T>(result: Result<T, GpuError>) -> Option<T> {
     match result {
         Ok(value) => Some(value),
         Err(GpuError::NoAdapter(why)) => {
-            eprintln!(
-                "SKIPPED, NOTHING WAS COMPARED: no Vulkan adapter ({why}); on Debian, install mesa-vulkan-drivers"
-            );
+            eprintln!("SKIPPED, NOTHING WAS COMPARED: no Vulkan adapter ({why})");
+            eprintln!("on Debian, install mesa-vulkan-drivers");
             None
         }
         Err(error) => panic!("{error}"),

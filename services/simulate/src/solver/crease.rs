@@ -147,7 +147,7 @@ impl Hinge {
     }
 }
 
-/// x ← x + distance·turn + shift for one facet: a small turn about a line of the sheet, and a shift.
+/// x ← x + distance·turn + shift for one facet: a small turn about a line of the sheet.
 struct Lean<'a> {
     spans: &'a [(u32, u16)],
     uv_m: &'a [Field; 2],

@@ -92,9 +92,7 @@ impl Project<'_> {
         let weight = weights.map_or(std::ptr::null(), |field| field.rows().as_ptr());
         let lopsided = if WEIGHED || DAMP == PAPER { 3 } else { 0 };
         assert!(!colour.is_close() || moves.len() >= 3 + lopsided, "room for the moves");
-        let noted: [*mut f32; 6] = std::array::from_fn(|k| {
-            moves.get_mut(k).map_or(std::ptr::null_mut(), |m| m.with_room_mut().as_mut_ptr())
-        });
+        let noted = starts(moves);
         let damping = if DAMP == XPBD { 1.0 + gamma } else { 1.0 };
         let even = V::splat(1.0 / (damping * 2.0 + alpha));
         for (at, chunk) in colour.chunks.iter().enumerate() {
@@ -113,10 +111,8 @@ impl Project<'_> {
                 let violation = V::splat(1.0).sub(rest.mul(inverse));
                 let (wa, wb, share) = if WEIGHED {
                     let (wa, wb) = (V::load(weight.add(a)), V::load(weight.add(b)));
-                    let both = wa.add(wb);
-                    active &= both.above(V::splat(0.0));
-                    let sum = both.mul(V::splat(damping)).add(V::splat(alpha));
-                    (wa, wb, V::splat(1.0).div(sum))
+                    active &= wa.add(wb).above(V::splat(0.0));
+                    (wa, wb, share_of(wa.add(wb), damping, alpha))
                 } else {
                     (even, even, even)
                 };
@@ -125,21 +121,12 @@ impl Project<'_> {
                     let moved_a = minus(first, load_points::<V>(old, a));
                     let moved_b = minus(second, load_points::<V>(old, b));
                     let share = V::splat(gamma).mul(inverse).mul(inverse);
-                    if DAMP == XPBD {
-                        sa = sa.add(share.mul(dot(d, minus(moved_b, moved_a))));
-                        sb = sa;
-                    } else {
-                        sa = sa.sub(share.mul(dot(d, moved_a)));
-                        sb = sb.add(share.mul(dot(d, moved_b)));
-                    }
+                    (sa, sb) = damped::<V, DAMP>(violation, share, d, moved_a, moved_b);
                 }
                 // Left out at the end, so that nothing of an idle lane gets through.
                 sa = sa.mul(share).keep(active);
                 sb = if DAMP == PAPER { sb.mul(share).keep(active) } else { sa };
-                if WEIGHED {
-                    sa = sa.mul(wa);
-                    sb = sb.mul(wb);
-                }
+                (sa, sb) = if WEIGHED { (sa.mul(wa), sb.mul(wb)) } else { (sa, sb) };
                 if colour.is_close() {
                     // Ends may share a vector: note the moves, make them when all are known.
                     store_points(times(d, sa), [noted[0], noted[1], noted[2]], LANES + a);
@@ -159,6 +146,41 @@ impl Project<'_> {
                 unsafe { make::<V>(x, noted[k], noted[k + lopsided], colour.offset, len) };
             }
         }
+    }
+}
+
+/// Where each field starts, its room included; null for those that are not there.
+#[inline(always)]
+fn starts(moves: &mut [Field]) -> [*mut f32; 6] {
+    let mut starts = [std::ptr::null_mut(); 6];
+    for (start, field) in starts.iter_mut().zip(moves) {
+        *start = field.with_room_mut().as_mut_ptr();
+    }
+    starts
+}
+
+/// 1/((1 + γ)(w₁ + w₂) + α̃).
+#[inline(always)]
+fn share_of<V: Lanes>(both: V, damping: f32, alpha: f32) -> V {
+    V::splat(1.0).div(both.mul(V::splat(damping)).add(V::splat(alpha)))
+}
+
+/// The violation with what the ends' motion adds to it, for the first and the second end; `share`
+/// is γ/|d|².
+#[inline(always)]
+fn damped<V: Lanes, const DAMP: u8>(
+    violation: V,
+    share: V,
+    d: [V; 3],
+    moved_a: [V; 3],
+    moved_b: [V; 3],
+) -> (V, V) {
+    if DAMP == XPBD {
+        let both = violation.add(share.mul(dot(d, minus(moved_b, moved_a))));
+        (both, both)
+    } else {
+        let first = violation.sub(share.mul(dot(d, moved_a)));
+        (first, violation.add(share.mul(dot(d, moved_b))))
     }
 }
 

@@ -40,7 +40,8 @@ pub struct RegisterParams {
     /// Default 0.0003 (0.05 mm on 0.15 m).
     pub move_tolerance: f64,
     /// Width β of the motion-coherence kernel in material coordinates, fraction of the sheet:
-    /// how far a node drags its neighbours along. Default 0.3 (45 mm on 0.15 m).
+    /// how far a node drags its neighbours along. Small values follow the kink of a new crease and
+    /// overfit more. Default 0.2 (30 mm on 0.15 m).
     pub kernel_width: f64,
     /// Expected error τ of the prediction, fraction of the sheet (λ = 1/τ²): small values trust
     /// the prediction, large ones the cloud. Default 0.033 (5 mm on 0.15 m).
@@ -62,13 +63,13 @@ pub struct RegisterParams {
     /// Spacing of the control points, fraction of the sheet, rounded to grid cells. Default 0.083
     /// (13 × 13).
     pub control_spacing: f64,
-    /// Eigenvectors of the kernel that may move, at most. Default 40.
+    /// Eigenvectors of the kernel that may move, at most. Default 80.
     pub modes_max: usize,
     /// Sweeps of the isometry projection in every iteration; 0 lets the model stretch.
     /// Default 10.
     pub isometry_sweeps: u32,
     /// How strongly the sheet is straightened between creases, 0 to 1: paper resists bending,
-    /// cloth (0) hardly does. Default 0.5.
+    /// cloth (0) hardly does; large values hide new creases. Default 0.2.
     pub flatness: f64,
     /// Most points used of a cloud; more are thinned evenly. Default 2000.
     pub points_max: usize,
@@ -100,7 +101,7 @@ impl Default for RegisterParams {
             ray_error_ratio: 4.0,
             iterations_max: 12,
             move_tolerance: 0.0003,
-            kernel_width: 0.3,
+            kernel_width: 0.2,
             prediction_error: 0.033,
             temper: 0.2,
             sigma_start: [0.027, 0.04],
@@ -108,9 +109,9 @@ impl Default for RegisterParams {
             outlier_weight: 0.05,
             virtual_spacing: 0.021,
             control_spacing: 0.083,
-            modes_max: 40,
+            modes_max: 80,
             isometry_sweeps: 10,
-            flatness: 0.5,
+            flatness: 0.2,
             points_max: 2000,
             points_min: 60,
             outline_weight: 1.0,

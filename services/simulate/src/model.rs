@@ -54,7 +54,10 @@ impl SheetModel {
         let params = &config.params;
         let side_m = (sheet.size_m[0] + sheet.size_m[1]) / 2.0;
         let has_contact = params.effects.contains(&Effect::SelfContact);
-        let simulator = Simulator::new(config, sheet, density_kg_per_m2, rest_m);
+        // Contact comes once a frame, after the substeps, wherever these run.
+        let mut substeps = config.clone();
+        substeps.params.effects.retain(|effect| *effect != Effect::SelfContact);
+        let simulator = Simulator::new(&substeps, sheet, density_kg_per_m2, rest_m);
         Self {
             finder: CreaseFinder::new(&config.folds, sheet),
             contact: has_contact.then(|| FacetContact::new(&config.self_contact, sheet)),

@@ -330,7 +330,7 @@ impl SimulateParams {
     pub(crate) fn cpu_only(&self) -> Option<Effect> {
         let paper = self.damping.kind == DampingKind::Paper;
         self.effects.iter().copied().find(|effect| match effect {
-            Effect::Crease | Effect::SelfContact => true,
+            Effect::Crease => true,
             Effect::Damping => paper,
             _ => false,
         })

@@ -23,6 +23,7 @@ fn folded(angle_rad: f64) -> Vec<[f32; 3]> {
 /// Folds a sheet and returns it, or says loudly that there is no adapter.
 fn fold_on(backend: Backend) -> Option<Simulator> {
     let mut params = SimulateParams { backend, ..SimulateParams::default() };
+    params.effects.retain(|effect| *effect != Effect::SelfContact);
     params.effects.push(Effect::Table);
     let mut simulator = Simulator::new(&params.check().unwrap(), &sheet(), 0.08, None);
     let start = Instant::now();
@@ -71,14 +72,13 @@ fn a_fold_is_the_same_on_every_backend() {
 
 #[test]
 fn what_the_graphics_processor_cannot_do_is_refused_before_it_starts() {
-    for effect in [Effect::Crease, Effect::SelfContact] {
-        let mut params = SimulateParams { backend: Backend::Gpu, ..SimulateParams::default() };
-        params.effects.push(effect);
-        let problems = params.check().unwrap_err();
-        assert!(problems[0].to_string().contains(effect.name()), "{problems:?}");
-        params.backend = Backend::Auto;
-        assert!(params.check().is_ok());
-    }
+    let mut params = SimulateParams { backend: Backend::Gpu, ..SimulateParams::default() };
+    assert!(params.check().is_ok());
+    params.effects.push(Effect::Crease);
+    let problems = params.check().unwrap_err();
+    assert!(problems[0].to_string().contains("crease"), "{problems:?}");
+    params.backend = Backend::Auto;
+    assert!(params.check().is_ok());
 }
 
 #[test]

@@ -148,8 +148,10 @@ fn a_weak_facet_gives_way_and_a_strong_one_does_not() {
         })
         .collect();
     let bent_m = |strength: f64| {
-        let params =
-            SimulateParams { facets: FacetsParams { strength }, ..SimulateParams::default() };
+        let params = SimulateParams {
+            facets: FacetsParams { strength, ..FacetsParams::default() },
+            ..SimulateParams::default()
+        };
         let mut simulator = simulator(&params);
         simulator.set_folds(&folds);
         simulator.step(FRAME_S, &sheet().flat_m(), &vec![0.0; sheet().len()], true);

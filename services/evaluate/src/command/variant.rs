@@ -97,7 +97,7 @@ mod tests {
     fn keys_are_set_and_unknown_names_refused() {
         let text = "name = \"x\"\n[register]\nflatness = 0.5\n";
         let variants =
-            Variant::parse_all("cpd, own:register.flatness=0;capture.rendered.faults=real")
+            Variant::parse_all("orime, own:register.flatness=0;capture.rendered.faults=real")
                 .unwrap();
         let unchanged: Table = variants[0].apply(text).unwrap().parse().unwrap();
         assert_eq!(unchanged, text.parse::<Table>().unwrap());

@@ -58,6 +58,9 @@ impl Pair {
     /// Source: Li et al. 2021 (C-IPC), additive CCD.
     pub fn free_share(&self, from: &[Vector3<f64>; 4], to: &[Vector3<f64>; 4]) -> f64 {
         let moves = [0, 1, 2, 3].map(|k| to[k] - from[k]);
+        if moves.iter().flatten().any(|c| !c.is_finite()) {
+            return 0.0;
+        }
         let relative_m = self.relative_m(&moves);
         let first = self.nearest(from);
         let margin_m = margin_m(first.distance_m);

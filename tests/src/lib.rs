@@ -147,10 +147,15 @@ impl RunningSet {
         panic!("the set did not get ready: {:?}", self.ended());
     }
 
-    /// Waits until the judge has drawn the first step: the whole pipeline has run once.
+    /// Waits until the judge has drawn a step: the whole pipeline has run once.
     pub fn wait_for_pictures(&mut self) {
         let start = Instant::now();
-        while !self.out("pictures/step_0000.png").exists() {
+        let pictures = self.out("pictures");
+        let is_empty = || {
+            let mut found = std::fs::read_dir(&pictures).into_iter().flatten();
+            found.next().is_none()
+        };
+        while is_empty() {
             assert!(start.elapsed() < WAIT_MAX, "no picture: {:?}", self.ended());
             std::thread::sleep(Duration::from_millis(50));
         }

@@ -35,7 +35,7 @@ fn a_tape_replays_into_register_and_into_simulate_alone() {
 
     // The comparison can fail: other parameters give other targets.
     let other = scratch.path("other.toml");
-    fs::write(&other, format!("[register]\nmomentum = 0.0\n{text}")).unwrap();
+    fs::write(&other, format!("[register]\nflatness = 0.0\n{text}")).unwrap();
     let output = replay(&tape, "register", &other);
     assert_eq!(output.status.code(), Some(1), "{}", said(&output));
     let compared: Value = serde_json::from_slice(&output.stdout).unwrap();

@@ -115,9 +115,9 @@ impl Registrar {
         self.has_pose = true;
     }
 
-    /// Registers one observation. `predicted_m` is where the simulator expects the nodes
-    /// (`None` before the first pose); `targets_m` and `confidence` (one per node of the sheet) are written:
-    /// confidence 0 means that the node has no target.
+    /// Registers one observation. `predicted_m` is where the simulator expects the nodes (`None`
+    /// before the first pose); `targets_m` and `confidence` (one per node of the sheet) are
+    /// written: confidence 0 means that the node has no target.
     pub fn register(
         &mut self,
         observed: &Observation<'_>,

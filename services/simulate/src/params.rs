@@ -341,7 +341,7 @@ impl SimulateParams {
         let Self {
             substeps,
             substep_motion_m,
-            backend,
+            backend: _,
             effects,
             stretch,
             shear,
@@ -355,8 +355,8 @@ impl SimulateParams {
             grippers,
             track,
             predict,
-            folds,
-            self_contact,
+            folds: _,
+            self_contact: _,
         } = self;
         let mut checker = Checker::new();
         for (at, effect) in effects.iter().enumerate() {
@@ -392,6 +392,12 @@ impl SimulateParams {
         within("predict.momentum", predict.momentum, 0.0, 1.0, "");
         within("predict.hold", predict.hold, 0.0, 1.0, "");
         within("predict.substeps", f64::from(predict.substeps), 1.0, 1000.0, "");
+        self.check_together(checker)
+    }
+
+    /// What depends on several keys, and the sections that are checked elsewhere.
+    fn check_together(&self, mut checker: Checker) -> Result<SimulateConfig, Vec<Problem>> {
+        let Self { substeps, backend, damping, folds, self_contact, .. } = self;
         if let (Backend::Gpu, Some(effect)) = (*backend, self.cpu_only()) {
             let message =
                 format!("is \"gpu\", but {} runs on the CPU only: take \"auto\"", effect.name());

@@ -74,6 +74,8 @@ pub fn write_csv(path: &Path, steps: &[StepScore]) -> anyhow::Result<()> {
 pub struct Pictures {
     directory: PathBuf,
     every: u64,
+    /// First step that gets the next picture: a step that was dropped costs none.
+    due: u64,
     /// These steps and no others, where there are any.
     at: Vec<u64>,
     /// Index of the camera whose image is shown.
@@ -87,7 +89,14 @@ impl Pictures {
         std::fs::create_dir_all(directory)
             .with_context(|| format!("making the folder `{}`", directory.display()))?;
         let every = if every > 0 { every } else { steps.div_ceil(16).max(1) };
-        Ok(Self { directory: directory.to_owned(), every, at: Vec::new(), camera, written: 0 })
+        Ok(Self {
+            directory: directory.to_owned(),
+            every,
+            due: 0,
+            at: Vec::new(),
+            camera,
+            written: 0,
+        })
     }
 
     /// Pictures at these steps and no others; no change where there are none.
@@ -97,13 +106,14 @@ impl Pictures {
 
     /// Whether `step` gets a picture.
     pub fn wants(&self, step: u64) -> bool {
-        if self.at.is_empty() { step.is_multiple_of(self.every) } else { self.at.contains(&step) }
+        if self.at.is_empty() { step >= self.due } else { self.at.contains(&step) }
     }
 
     /// Draws and writes one.
     pub fn write(&mut self, input: &PanelInput<'_>) -> anyhow::Result<()> {
         let path = self.directory.join(format!("step_{:04}.png", input.score.step));
         panel(input).save(&path).with_context(|| format!("writing `{}`", path.display()))?;
+        self.due = (input.score.step / self.every + 1) * self.every;
         self.written += 1;
         Ok(())
     }

@@ -24,8 +24,8 @@ Examples:
 
 Exit status: 0 good, 1 the set failed, 2 wrong usage or set file, 3 the machine refuses,
 5 the set's recording is damaged and `capture.recording.damaged = true` does not allow that (or
-nothing of it is left), 6 the set was in lockstep and lost something with a stage that died and was restarted,
-130 ended at once by a second Ctrl-C.
+nothing of it is left), 6 the set was in lockstep and lost something with a stage that died and
+was restarted, 130 ended at once by a second Ctrl-C.
 A fault of --record never changes the exit status: the set goes on without its recorder, and the
 summary says that the recording is incomplete, and why."
 )]

@@ -161,6 +161,22 @@ impl RunningSet {
         }
     }
 
+    /// Waits until the live line tells of a few states: at either pace, the pipeline runs.
+    pub fn wait_for_states(&mut self) {
+        let start = Instant::now();
+        let step = |line: &str| -> Option<u64> {
+            line.strip_prefix("step ")?.split([' ', '/']).next()?.parse().ok()
+        };
+        loop {
+            let text = std::fs::read_to_string(self.scratch.path("stdout")).unwrap_or_default();
+            if text.lines().filter_map(step).any(|step| step > 4) {
+                return;
+            }
+            assert!(start.elapsed() < WAIT_MAX, "no states: {:?}", self.ended());
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+
     /// Waits for the end.
     pub fn wait(&mut self) -> Ended {
         let start = Instant::now();

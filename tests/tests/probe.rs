@@ -29,7 +29,7 @@ fn files_and_page_tell_a_frames_way_through_all_processes() {
     let scratch = Scratch::new("probe-files");
     let mut set = RunningSet::start("probe-files-set", Some(&set(&scratch)));
     set.wait_until(|run| run["stages"].as_array().is_some_and(|s| s.len() == 5));
-    set.wait_for_pictures();
+    set.wait_for_states();
     let [csv, trace, log] = ["a.csv", "a.json", "a.hlog"].map(|name| scratch.path(name));
     // A free port, by the system's choice.
     let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
@@ -98,7 +98,7 @@ fn a_budget_names_what_is_over_and_only_the_loopback_is_served() {
     let scratch = Scratch::new("probe-budget");
     let mut set = RunningSet::start("probe-budget-set", Some(&set(&scratch)));
     set.wait_until(|run| run["stages"].as_array().is_some_and(|s| s.len() == 5));
-    set.wait_for_pictures();
+    set.wait_for_states();
     let budget = |text: &str| {
         let file = scratch.path("budget.toml");
         fs::write(&file, text).unwrap();

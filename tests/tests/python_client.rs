@@ -30,7 +30,7 @@ fn python_reads_the_state() {
     fs::write(&path, text).unwrap();
     let mut set = RunningSet::start("python-set", Some(&path));
     let run = set.wait_until(|run| run["stages"].as_array().is_some_and(|s| s.len() == 5));
-    set.wait_for_pictures();
+    set.wait_for_states();
     let output = Command::new(python)
         .arg(root().join("clients/python/orime_client.py"))
         .args(["--json", "--count", "5"])

@@ -31,7 +31,9 @@ pub struct Progress {
     pub moved_ns: u64,
     /// Newest step that the judge said something of.
     judge_step: Option<u64>,
-    judge_moved_ns: u64,
+    /// Of judge, simulate, register and segment: the step that they are at, and since when they
+    /// have had input for another one.
+    behind: [Option<(Option<u64>, u64)>; 4],
     /// Per camera: when it gave its newest frame with pixels, and whether it gives none.
     good: Vec<(u64, bool)>,
     cameras: u64,
@@ -66,7 +68,7 @@ impl Progress {
             e_mm: None,
             moved_ns: now_ns(),
             judge_step: None,
-            judge_moved_ns: now_ns(),
+            behind: [None; 4],
             good: vec![(0, false); cameras.max(1)],
             cameras: cameras.max(1) as u64,
             steps_max,
@@ -94,7 +96,6 @@ impl Progress {
             self.judge_step = step.or(self.judge_step);
             self.e_mm = e_mm.or(self.e_mm);
             self.moved_ns = now_ns();
-            self.judge_moved_ns = self.moved_ns;
         }
     }
 
@@ -140,8 +141,10 @@ impl Progress {
             step => step.unwrap_or(0),
         });
         let at = Stage::PIPELINE.iter().position(|other| *other == stage);
-        let before =
-            at.and_then(|at| at.checked_sub(1)).and_then(|at| figures(Stage::PIPELINE[at]));
+        let before = match stage {
+            Stage::Judge => figures(Stage::Simulate),
+            _ => at.and_then(|at| at.checked_sub(1)).and_then(|at| figures(Stage::PIPELINE[at])),
+        };
         Resume {
             next_set,
             published: figures(stage).and_then(|figures| figures.step),
@@ -150,23 +153,34 @@ impl Progress {
         }
     }
 
-    /// Stages that have had input for so long and given no result, most downstream first.
-    pub fn stalled(&self, stall: Duration) -> Vec<Stage> {
+    /// Nobody is behind: whoever was had to wait for a stage that was replaced.
+    pub fn begin_anew(&mut self) {
+        self.moved_ns = now_ns();
+        self.behind = [None; 4];
+    }
+
+    /// Stages that have had input for so long and given no result, most downstream first. To be
+    /// called at every look: how long somebody is behind is known from the looks before.
+    pub fn stalled(&mut self, stall: Duration) -> Vec<Stage> {
         let (now, stall_ns) = (now_ns(), stall.as_nanos() as u64);
+        let step = |stage: Stage| self.figures.stage(stage).and_then(|figures| figures.step);
+        let [capture, segment, register, simulate] = Stage::PIPELINE.map(step);
+        let pairs = [
+            (Stage::Judge, simulate, self.judge_step),
+            (Stage::Simulate, register, simulate),
+            (Stage::Register, segment, register),
+            (Stage::Segment, capture, segment),
+        ];
         let mut stalled = Vec::new();
-        let simulate = self.figures.stage(Stage::Simulate);
-        let is_old = |ns: u64| now.saturating_sub(ns) > stall_ns;
-        if simulate.and_then(|s| s.step) > self.judge_step && is_old(self.judge_moved_ns) {
-            stalled.push(Stage::Judge);
-        }
-        for pair in Stage::PIPELINE.windows(2).rev() {
-            let [before, own] = [pair[0], pair[1]].map(|stage| self.figures.stage(stage));
-            if let (Some(before), Some(own)) = (before, own)
-                && before.step > own.step
-                && is_old(own.newest_ns.max(before.first_ns))
-                && !is_old(before.newest_ns)
-            {
-                stalled.push(pair[1]);
+        for ((stage, input, own), behind) in pairs.into_iter().zip(&mut self.behind) {
+            // A result that came meanwhile, or nothing to do, begins anew.
+            match behind {
+                Some((at, since_ns)) if input > own && *at == own => {
+                    if now.saturating_sub(*since_ns) > stall_ns {
+                        stalled.push(stage);
+                    }
+                }
+                _ => *behind = (input > own).then_some((own, now)),
             }
         }
         stalled

@@ -383,19 +383,20 @@ impl Watch {
     /// Kills a stage that has input and gives no result for too long; it is restarted then.
     fn look_for_stalled(&mut self, fleet: &mut Fleet<'_>) -> Option<Ending> {
         if fleet.is_disturbed() || !self.frozen.is_empty() || self.ending_since[1].is_some() {
-            self.progress.moved_ns = now_ns();
+            self.progress.begin_anew();
             return None;
         }
         let stall = self.deadlines.stall;
         let still_ns = u128::from(now_ns().saturating_sub(self.progress.moved_ns));
+        let behind = self.progress.stalled(stall);
         let culprit = if still_ns > stall.as_nanos() {
             self.culprit(fleet)
         } else {
-            let candidates = self.progress.stalled(stall);
-            candidates.into_iter().find(|stage| {
-                let old = |p: &mut Process| p.started.elapsed() > stall && p.poll().is_none();
-                fleet.process(*stage).is_some_and(old)
-            })
+            let mut is_old = |stage: Stage| {
+                let is_old = |p: &mut Process| p.started.elapsed() > stall && p.runs();
+                fleet.process(stage).is_some_and(is_old)
+            };
+            behind.into_iter().find(|stage| is_old(*stage))
         };
         let culprit = culprit?;
         self.progress.moved_ns = now_ns();

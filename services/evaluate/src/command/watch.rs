@@ -60,8 +60,10 @@ pub fn run(arguments: &WatchArguments) -> anyhow::Result<()> {
     let service = Service::start_with(Stage::Judge, &arguments.set)?;
     let mut watch = Watch::open(&service, arguments)?;
     service.ready()?;
-    while let Some(state) = watch.next_state()? {
-        if state.header.is_end() {
+    let mut has_ended = service.ended_input().is_some();
+    while !has_ended && let Some(state) = watch.next_state()? {
+        has_ended = state.header.is_end();
+        if has_ended {
             break;
         }
         // A simulate that was restarted begins with a state of no sheet at all.

@@ -21,6 +21,7 @@ import time
 
 LAYOUTS = json.loads((pathlib.Path(__file__).parent / "orime_layouts.json").read_text())
 SCALARS = {
+    "i8": ctypes.c_int8,
     "u8": ctypes.c_uint8,
     "u16": ctypes.c_uint16,
     "u32": ctypes.c_uint32,

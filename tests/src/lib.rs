@@ -228,3 +228,12 @@ impl Drop for RunningSet {
         }
     }
 }
+
+/// Waits until `seen`, and fails the test where it takes too long.
+pub fn wait_for(what: &str, mut seen: impl FnMut() -> bool) {
+    let start = Instant::now();
+    while !seen() {
+        assert!(start.elapsed() < Duration::from_secs(90), "not seen: {what}");
+        std::thread::sleep(Duration::from_millis(20)); // Between looks.
+    }
+}

@@ -2,7 +2,7 @@
 
 use orime_messages::{Grippers, Message, Stage};
 use orime_runtime::{Guest, RunEntry, Stop, channel};
-use orime_tests::{Ended, RunningSet, Scratch, run};
+use orime_tests::{Ended, RunningSet, Scratch, run, wait_for};
 use rustix::process::{Pid, Resource, Rlimit, Signal, kill_process, prlimit};
 use serde_json::Value;
 use std::fs;
@@ -69,14 +69,6 @@ fn step(set: &RunningSet) -> u64 {
     let text = fs::read_to_string(set.out("../stdout")).unwrap_or_default();
     let last = text.lines().rev().find_map(|line| line.strip_prefix("step "));
     last.and_then(|line| line.split_whitespace().next()?.parse().ok()).unwrap_or(0)
-}
-
-fn wait_for(what: &str, mut seen: impl FnMut() -> bool) {
-    let start = Instant::now();
-    while !seen() {
-        assert!(start.elapsed() < Duration::from_secs(90), "not seen: {what}");
-        std::thread::sleep(Duration::from_millis(20));
-    }
 }
 
 fn said(output: &Output) -> String {

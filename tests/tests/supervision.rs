@@ -1,12 +1,12 @@
 //! Stages that are restarted, asked for and by themselves; logs; a second supervisor; systemd.
 
-use orime_tests::{RunningSet, Scratch, program, root};
+use orime_tests::{RunningSet, Scratch, program, root, wait_for};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use std::fs;
 use std::os::unix::net::UnixDatagram;
 use std::process::{Command, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 fn set(scratch: &Scratch, pace: &str) -> String {
     let path = scratch.path(&format!("{pace}.toml"));
@@ -35,14 +35,6 @@ fn events(set: &RunningSet, kind: &str, stage: &str) -> usize {
     let text = fs::read_to_string(set.out("events.jsonl")).unwrap_or_default();
     let events = text.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
     events.filter(|event| event["event"] == kind && event["stage"] == stage).count()
-}
-
-fn wait_for(what: &str, mut seen: impl FnMut() -> bool) {
-    let start = Instant::now();
-    while !seen() {
-        assert!(start.elapsed() < Duration::from_secs(90), "not seen: {what}");
-        std::thread::sleep(Duration::from_millis(20));
-    }
 }
 
 fn run_json(set: &RunningSet) -> Value {

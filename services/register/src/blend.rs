@@ -1,7 +1,6 @@
 //! Positions between nodes, interpolated without reaching across a crease.
 
 use orime_creases::Folds;
-use orime_geometry::SheetGrid;
 
 /// A material point as a weighted sum of four nodes; unused places have weight 0.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -30,22 +29,13 @@ impl Blend {
 /// Makes blends for a sheet folded in a certain way.
 #[derive(Debug)]
 pub(crate) struct Blender<'a> {
-    sheet: &'a SheetGrid,
     folds: &'a Folds,
-    /// Bit f: the node belongs to facet f.
-    facets: Vec<u32>,
 }
 
 impl<'a> Blender<'a> {
-    /// For `sheet` with these folds.
-    pub fn new(sheet: &'a SheetGrid, folds: &'a Folds) -> Self {
-        let mut facets = vec![0u32; sheet.len()];
-        for facet in 0..folds.facets().len() {
-            for node in folds.members(facet) {
-                facets[*node as usize] |= 1 << facet;
-            }
-        }
-        Self { sheet, folds, facets }
+    /// For a sheet with these folds.
+    pub fn new(folds: &'a Folds) -> Self {
+        Self { folds }
     }
 
     /// The material point (u, v), metres, as a part of the facet that holds it.
@@ -59,7 +49,7 @@ impl<'a> Blender<'a> {
     /// The material point (u, v), metres, as a part of `facet`.
     pub fn within(&self, facet: usize, uv_m: [f64; 2]) -> Blend {
         let blend = self.bilinear(uv_m);
-        let is_member = |node: u32| self.facets[node as usize] & (1 << facet) != 0;
+        let is_member = |node: u32| self.folds.facets_of_node()[node as usize] & (1 << facet) != 0;
         let used = |(node, weight): (&u32, f32)| weight == 0.0 || is_member(*node);
         if blend.nodes.iter().zip(blend.weights).all(used) {
             return blend;
@@ -68,14 +58,15 @@ impl<'a> Blender<'a> {
     }
 
     fn cell(&self, uv_m: [f64; 2]) -> ([usize; 2], [f64; 2]) {
-        let spacing = self.sheet.spacing_m();
+        let sheet = self.folds.sheet();
+        let spacing = sheet.spacing_m();
         let mut cell = [0; 2];
         let mut rest = [0.0; 2];
         for axis in 0..2 {
-            let at = (uv_m[axis] / spacing[axis]).clamp(0.0, (self.sheet.nodes[axis] - 1) as f64);
+            let at = (uv_m[axis] / spacing[axis]).clamp(0.0, (sheet.nodes[axis] - 1) as f64);
             // Points on a grid line must not be split by rounding between two cells.
             let at = if (at - at.round()).abs() < 1e-6 { at.round() } else { at };
-            cell[axis] = (at as usize).min(self.sheet.nodes[axis] - 2);
+            cell[axis] = (at as usize).min(sheet.nodes[axis] - 2);
             rest[axis] = at - cell[axis] as f64;
         }
         (cell, rest)
@@ -83,7 +74,7 @@ impl<'a> Blender<'a> {
 
     fn bilinear(&self, uv_m: [f64; 2]) -> Blend {
         let ([i, j], [s, t]) = self.cell(uv_m);
-        let node = |di: usize, dj: usize| self.sheet.index(i + di, j + dj) as u32;
+        let node = |di: usize, dj: usize| self.folds.sheet().index(i + di, j + dj) as u32;
         Blend {
             nodes: [node(0, 0), node(0, 1), node(1, 0), node(1, 1)],
             weights: [(1.0 - s) * (1.0 - t), (1.0 - s) * t, s * (1.0 - t), s * t].map(|w| w as f32),
@@ -99,13 +90,14 @@ impl<'a> Blender<'a> {
             let (Some(a), Some(b)) = (i.checked_add_signed(di), j.checked_add_signed(dj)) else {
                 continue;
             };
-            if a + 1 >= self.sheet.nodes[0] || b + 1 >= self.sheet.nodes[1] {
+            if a + 1 >= self.folds.sheet().nodes[0] || b + 1 >= self.folds.sheet().nodes[1] {
                 continue;
             }
             let (s, t) = (s - di as f64, t - dj as f64);
-            let node = |p: usize, q: usize| self.sheet.index(a + p, b + q) as u32;
+            let node = |p: usize, q: usize| self.folds.sheet().index(a + p, b + q) as u32;
             let corners = [node(0, 0), node(0, 1), node(1, 0), node(1, 1)];
-            let inside = corners.map(|n| self.facets[n as usize] & (1 << facet) != 0);
+            let inside =
+                corners.map(|n| self.folds.facets_of_node()[n as usize] & (1 << facet) != 0);
             // Weights of the four corners where the one named by the place is left out.
             let weights = [
                 [0.0, 1.0 - s, 1.0 - t, s + t - 1.0],
@@ -133,6 +125,7 @@ impl<'a> Blender<'a> {
 mod tests {
     use super::*;
     use orime_creases::Line;
+    use orime_geometry::SheetGrid;
 
     #[test]
     fn blends_are_exact_on_a_sheet_folded_along_any_line() {
@@ -155,7 +148,7 @@ mod tests {
             // Nodes within the margin of both facets are a little off one of them.
             let margin_m = 0.25 * 0.15 / 24.0;
             let nodes: Vec<[f32; 3]> = sheet.uv_m().map(fold).collect();
-            let blender = Blender::new(&sheet, &folds);
+            let blender = Blender::new(&folds);
             for uv in SheetGrid::new([0.15, 0.15], [61, 61]).uv_m() {
                 let blend = blender.at(uv);
                 let sum: f32 = blend.weights.iter().sum();

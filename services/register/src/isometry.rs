@@ -54,12 +54,7 @@ impl Isometry {
 
     /// Takes over other folds: no link and no row reaches across a crease.
     pub fn refold(&mut self, folds: &Folds) {
-        let mut facets = vec![0u32; folds.sheet().len()];
-        for facet in 0..folds.facets().len() {
-            for node in folds.members(facet) {
-                facets[*node as usize] |= 1 << facet;
-            }
-        }
+        let facets = folds.facets_of_node();
         let together = |nodes: &[u32]| {
             nodes.iter().fold(u32::MAX, |facet, node| facet & facets[*node as usize]) != 0
         };

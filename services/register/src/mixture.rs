@@ -107,7 +107,7 @@ impl Mixture {
     pub fn new(sheet: &SheetGrid, per_cell: usize) -> Self {
         let fine = SheetGrid::new(sheet.size_m, Self::fine_nodes(sheet, per_cell));
         let flat = Folds::flat(sheet);
-        let blender = Blender::new(sheet, &flat);
+        let blender = Blender::new(&flat);
         let blends: Vec<Blend> = fine.uv_m().map(|uv| blender.at(uv)).collect();
         let n = blends.len();
         Self {
@@ -200,8 +200,11 @@ impl Mixture {
             self.candidates.seal();
             let mut before = [0f32; 3];
             for (camera, range) in cloud.by_camera(cell.clone()) {
-                if let Some(priors) = visibility.priors(camera) {
-                    self.candidates.set_priors(self.members.iter().map(|m| priors[*m as usize]));
+                match visibility.priors(camera) {
+                    Some(priors) => {
+                        self.candidates.set_priors(self.members.iter().map(|m| priors[*m as usize]))
+                    }
+                    None => self.candidates.set_priors(self.members.iter().map(|_| 1.0)),
                 }
                 let points = &cloud.points_m[range];
                 self.local.clear();

@@ -23,7 +23,7 @@ mod view;
 
 pub(crate) use sample::Sample;
 
-use crate::blend::Blender;
+use crate::blend::{Blend, Blender};
 use nalgebra::Vector2;
 use orime_creases::Folds;
 use orime_geometry::{Edgel, RgbdCamera, SheetGrid};
@@ -81,12 +81,13 @@ impl Outline {
             rows: Vec::new(),
         };
         let flat = Folds::flat(sheet);
-        outline.refold(sheet, &flat, &Blender::new(sheet, &flat));
+        outline.refold(&flat, &Blender::new(&flat));
         outline
     }
 
     /// Takes over other folds.
-    pub fn refold(&mut self, sheet: &SheetGrid, folds: &Folds, blender: &Blender<'_>) {
+    pub fn refold(&mut self, folds: &Folds, blender: &Blender<'_>) {
+        let sheet = folds.sheet();
         self.samples.clear();
         let layout = sample::Layout { sheet, controls: self.controls, spacing_m: self.spacing_m };
         layout.border(blender, &mut self.samples);
@@ -129,27 +130,26 @@ impl Outline {
     /// Share of the seen silhouettes that lie within [`ON_BORDER_PX`] of the projected border or
     /// a crease; `None` where there are none.
     pub fn explained(&self, nodes_m: &[[f32; 3]]) -> Option<f64> {
-        let (mut on_border, mut all) = (0usize, 0usize);
-        for (index, view) in self.views.iter().enumerate() {
-            // Both halves, so that the corners, which are no sample here, are passed.
-            let border: Vec<[Vector2<f64>; 2]> = self
-                .samples
-                .iter()
-                .flat_map(|s| [(s.before, s.here), (s.here, s.after)])
-                .filter_map(|(a, b)| {
-                    let pixel = |blend: crate::blend::Blend| view.pixel(blend.position_m(nodes_m));
-                    Some([pixel(a)?, pixel(b)?])
-                })
-                .collect();
-            let seen = self.edgels.iter().filter(|e| e.camera as usize == index && e.kind == 0);
-            for edgel in seen {
-                let at = Vector2::from(edgel.position_px).cast::<f64>();
-                all += 1;
-                let near = |ends: &[Vector2<f64>; 2]| distance_px(at, *ends) < ON_BORDER_PX;
-                on_border += usize::from(border.iter().any(near));
+        let mut is_near = vec![false; self.edgels.len()];
+        for view in &self.views {
+            let pixel = |blend: Blend| view.pixel(blend.position_m(nodes_m));
+            for sample in &self.samples {
+                let Some(here) = pixel(sample.here) else { continue };
+                // Both halves, so that the corners, which are no sample here, are passed.
+                for end in [pixel(sample.before), pixel(sample.after)].into_iter().flatten() {
+                    let span = ON_BORDER_PX + 0.5 * (end - here).amax();
+                    for k in view.cells_near((here + end) * 0.5, span) {
+                        let at = Vector2::from(self.edgels[k as usize].position_px).cast::<f64>();
+                        is_near[k as usize] |= distance_px(at, [here, end]) < ON_BORDER_PX;
+                    }
+                }
             }
         }
-        (all > 0).then(|| on_border as f64 / all as f64)
+        let is_seen = |e: &Edgel| e.kind == 0 && (e.camera as usize) < self.views.len();
+        let seen = self.edgels.iter().zip(is_near).filter(|(edgel, _)| is_seen(edgel));
+        let (all, near) =
+            seen.fold((0, 0), |(all, near), (_, is_near)| (all + 1, near + u32::from(is_near)));
+        (all > 0).then(|| f64::from(near) / f64::from(all))
     }
 
     /// Matches the samples, where the nodes are now, to the contour: fills `rows`.

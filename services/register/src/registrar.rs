@@ -153,6 +153,9 @@ impl Registrar {
                 self.tracker.judge_visibility(observed.cameras, &self.nodes_m);
             }
             let fit = self.tracker.track(&self.cloud, &mut self.nodes_m);
+            if self.params.visibility {
+                self.tracker.confidence(confidence);
+            }
             if self.params.learn_depth_bias {
                 self.bias.learn(&self.tracker.mixture.rays);
             }
@@ -184,7 +187,10 @@ impl Registrar {
             Tracking::Lost
         };
         if fit.iterations > 0 {
-            self.write_targets(report.reset, targets_m, confidence);
+            targets_m[..self.nodes_m.len()].copy_from_slice(&self.nodes_m);
+            self.trust(report.reset, confidence);
+        } else {
+            confidence.fill(0.0);
         }
         report
     }
@@ -238,19 +244,31 @@ impl Registrar {
         }
     }
 
-    fn write_targets(&self, everywhere: bool, targets_m: &mut [[f32; 3]], confidence: &mut [f32]) {
-        targets_m[..self.nodes_m.len()].copy_from_slice(&self.nodes_m);
-        if self.params.visibility && !everywhere {
-            self.tracker.confidence(confidence);
+    /// Turns what was seen of each node into the confidence of its target.
+    fn trust(&self, is_new_pose: bool, confidence: &mut [f32]) {
+        if is_new_pose {
+            confidence.fill(1.0);
             return;
         }
-        let everywhere = everywhere || self.params.targets_everywhere;
-        for i in 0..self.sheet.nodes[0] {
-            for j in 0..self.sheet.nodes[1] {
-                let is_control = |k: usize, n: usize| k.is_multiple_of(2) || k + 1 == n;
-                let control =
-                    is_control(i, self.sheet.nodes[0]) && is_control(j, self.sheet.nodes[1]);
-                confidence[self.sheet.index(i, j)] = if everywhere || control { 1.0 } else { 0.0 };
+        if !self.params.visibility {
+            confidence.fill(1.0);
+        }
+        if self.params.targets_everywhere {
+            return;
+        }
+        let controls = self.params.controls(&self.sheet);
+        let [rows, columns] = [0, 1].map(|axis| {
+            let (nodes, controls) = (self.sheet.nodes[axis], controls[axis]);
+            let nearest = |k: usize| (k * (nodes - 1) + (controls - 1) / 2) / (controls - 1);
+            let mut is_control = vec![false; nodes];
+            (0..controls).for_each(|k| is_control[nearest(k)] = true);
+            is_control
+        });
+        for (i, row) in rows.into_iter().enumerate() {
+            for (j, column) in columns.iter().enumerate() {
+                if !(row && *column) {
+                    confidence[self.sheet.index(i, j)] = 0.0;
+                }
             }
         }
     }

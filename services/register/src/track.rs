@@ -123,10 +123,9 @@ impl Tracker {
             return;
         }
         self.folds.clone_from(folds);
-        let sheet = folds.sheet().clone();
-        let blender = Blender::new(&sheet, folds);
+        let blender = Blender::new(folds);
         self.mixture.refold(&blender);
-        self.outline.refold(&sheet, folds, &blender);
+        self.outline.refold(folds, &blender);
         self.isometry.refold(folds);
     }
 

@@ -139,7 +139,12 @@ impl SheetModel {
         for facet in 0..folds.facets().len() {
             self.seen.clear();
             let members = folds.members(facet).iter().copied();
-            self.seen.extend(members.filter(|node| confidence[*node as usize] > SEEN));
+            // A node without a target, or without a word on it, says nothing.
+            let is_seen = |node: &u32| {
+                let node = *node as usize;
+                node < targets_m.len() && confidence.get(node).is_some_and(|c| *c > SEEN)
+            };
+            self.seen.extend(members.filter(is_seen));
             let residual_m = if self.seen.len() < SEEN_MIN {
                 0.0
             } else {
@@ -154,5 +159,64 @@ impl SheetModel {
             });
         }
         self.simulator.set_facet_shares(&self.shares);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::SimulateParams;
+
+    fn model() -> (SheetModel, SheetGrid) {
+        let sheet = SheetGrid::new([0.15, 0.15], [25, 25]);
+        let config = SimulateParams::default().check().unwrap();
+        (SheetModel::new(&config, &sheet, 0.08, None), sheet)
+    }
+
+    /// The sheet folded along the middle line by an angle.
+    fn folded(sheet: &SheetGrid, angle_rad: f64) -> Vec<[f32; 3]> {
+        let fold = |[u, v]: [f64; 2]| {
+            let over = (u - 0.075).max(0.0);
+            let x = u.min(0.075) + over * angle_rad.cos();
+            [x as f32, v as f32, (over * angle_rad.sin()) as f32]
+        };
+        sheet.uv_m().map(fold).collect()
+    }
+
+    #[test]
+    fn a_fold_becomes_a_crease_and_the_flap_never_passes_through() {
+        let (mut model, sheet) = model();
+        let sure = vec![1.0; sheet.len()];
+        model.step(1.0 / 30.0, &folded(&sheet, 0.0), &sure, true);
+        assert!(model.folds().creases().is_empty());
+        for degree in (0..=180).chain([180; 20]) {
+            let targets = folded(&sheet, f64::from(degree).to_radians());
+            model.step(1.0 / 30.0, &targets, &sure, false);
+        }
+        let [crease] = model.folds().creases() else { panic!("{:?}", model.folds().creases()) };
+        assert!(crease.angle_rad.abs() > 2.9, "{crease:?}");
+        for end in crease.ends_m {
+            assert!((end[0] - 0.075).abs() < 1e-3, "{crease:?}");
+        }
+        // The targets of both layers coincide; the flap stays on top, where it came from.
+        for (n, uv) in sheet.uv_m().enumerate().filter(|(_, uv)| uv[0] > 0.08) {
+            let below = sheet.index(24 - n / 25, n % 25);
+            let [above_m, below_m] = [n, below].map(|k| model.positions_m()[k][2]);
+            assert!(above_m > below_m, "{uv:?}: {above_m} m over {below_m} m");
+        }
+    }
+
+    #[test]
+    fn short_or_broken_targets_are_no_reason_to_stop() {
+        let (mut model, sheet) = model();
+        let sure = vec![1.0; sheet.len()];
+        let mut targets = folded(&sheet, 1.0);
+        model.step(1.0 / 30.0, &targets, &sure, true);
+        model.step(1.0 / 30.0, &targets[..7], &sure[..3], false);
+        model.step(1.0 / 30.0, &[], &[], false);
+        targets[5] = [f32::NAN; 3];
+        model.step(1.0 / 30.0, &targets, &sure, false);
+        assert!(model.positions_m().iter().flatten().all(|c| c.is_finite()));
+        assert!(model.predicted_m().iter().flatten().all(|c| c.is_finite()));
     }
 }

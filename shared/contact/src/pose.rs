@@ -2,6 +2,7 @@
 
 use crate::topology::{FacetMesh, Topology};
 use nalgebra::Vector3;
+use orime_creases::polar;
 
 /// Rigid pose of a facet.
 #[derive(Debug, Clone, Copy, Default)]
@@ -17,8 +18,7 @@ pub(crate) struct Pose {
 }
 
 impl Pose {
-    /// Least squares: the polar factor of the 3 × 2 moment matrix M = [a b], in closed form:
-    /// MᵀM = [[p, q], [q, r]], S = √(MᵀM), U = M·S⁻¹.
+    /// Least squares: the polar factor of the 3 × 2 moment matrix [a b].
     pub fn fit(facet: &FacetMesh, x: &[Vector3<f64>]) -> Self {
         let Some((first, _)) = facet.core.first() else { return Self::unknown() };
         let origin = x[*first as usize];
@@ -33,15 +33,7 @@ impl Pose {
         }
         let count = facet.core.len() as f64;
         let mean = sum / count;
-        let (p, q, r) = (a.dot(&a), a.dot(&b), b.dot(&b));
-        let root_det = (p * r - q * q).max(0.0).sqrt();
-        let trace = (p + r + 2.0 * root_det).sqrt();
-        if root_det.is_nan() || root_det <= 1e-9 * (p + r) {
-            return Self::unknown();
-        }
-        let scale = 1.0 / (trace * root_det);
-        let u = (a * (r + root_det) - b * q) * scale;
-        let v = (b * (p + root_det) - a * q) * scale;
+        let Some((u, v, trace)) = polar(a, b) else { return Self::unknown() };
         let spread2 = spread2 / count - mean.norm_squared() + facet.core_radius_m.powi(2);
         Self {
             center_m: origin + mean,

@@ -102,6 +102,7 @@ pub struct Folds {
     facets: Vec<Facet>,
     creases: Vec<Crease>,
     members: Vec<Vec<u32>>,
+    facets_of_node: Vec<u32>,
     facet_of_node: Vec<u8>,
     order: [[i8; FACETS_MAX]; FACETS_MAX],
 }
@@ -116,6 +117,7 @@ impl Folds {
             facets: vec![Facet { corners_m }],
             creases: Vec::new(),
             members: Vec::new(),
+            facets_of_node: Vec::new(),
             facet_of_node: Vec::new(),
             order: [[0; FACETS_MAX]; FACETS_MAX],
         };
@@ -150,6 +152,11 @@ impl Folds {
     /// The nodes of a facet, those on its creases included; a node may belong to several.
     pub fn members(&self, facet: usize) -> &[u32] {
         &self.members[facet]
+    }
+
+    /// The facets that each node is a member of: bit f for facet f.
+    pub fn facets_of_node(&self) -> &[u32] {
+        &self.facets_of_node
     }
 
     /// One facet per node: one that it lies in, or on the edge of.
@@ -270,6 +277,12 @@ impl Folds {
             (0..uv.len() as u32).filter(inside).collect()
         };
         self.members = self.facets.iter().map(members).collect();
+        self.facets_of_node = vec![0; uv.len()];
+        for (facet, nodes) in self.members.iter().enumerate() {
+            for node in nodes {
+                self.facets_of_node[*node as usize] |= 1 << facet;
+            }
+        }
         let kept = |n: usize, uv: [f64; 2]| {
             // What lies on a crease does not change hands for a hair's breadth.
             let facet = usize::from(*self.facet_of_node.get(n)?);

@@ -57,7 +57,7 @@ impl FacetFrame {
             b += d * v;
             spread += u * u + v * v + d.norm_squared();
         }
-        let (u, v, trace) = polar(a, b);
+        let (u, v, trace) = polar(a, b).unwrap_or_else(|| along_a_line(a, b));
         let residual_m = ((spread - 2.0 * trace).max(0.0) / count).sqrt();
         let normal = u.cross(&v);
         Self { center_m: center.into(), center_uv_m, u, v, normal, residual_m }
@@ -71,24 +71,30 @@ impl FacetFrame {
     }
 }
 
-/// The nearest pair of orthonormal vectors to (a, b), and the sum of the singular values.
+/// The nearest pair of orthonormal vectors to (a, b), and the sum of the singular values; `None`
+/// where a and b span no plane, or are not finite.
 ///
 /// M = [a b], MᵀM = [[p, q], [q, r]], S = √(MᵀM) in closed form, U = M·S⁻¹.
-fn polar(a: Vector3<f64>, b: Vector3<f64>) -> (Vector3<f64>, Vector3<f64>, f64) {
+pub fn polar(a: Vector3<f64>, b: Vector3<f64>) -> Option<(Vector3<f64>, Vector3<f64>, f64)> {
     let (p, q, r) = (a.dot(&a), a.dot(&b), b.dot(&b));
     let root_det = (p * r - q * q).max(0.0).sqrt();
     let trace = (p + r + 2.0 * root_det).sqrt();
-    if root_det <= 1e-12 * (p + r) || trace == 0.0 {
-        // All on a line or a point: any frame that holds the line.
-        let u = if p >= r { a } else { b }.try_normalize(0.0).unwrap_or_else(Vector3::x);
-        let away = if u.x.abs() < 0.7 { Vector3::x() } else { Vector3::y() };
-        return (u, (away - u * u.dot(&away)).normalize(), trace);
+    if !trace.is_finite() || root_det <= 1e-9 * (p + r) {
+        return None;
     }
     // S = (MᵀM + √det·1)/trace;  S⁻¹ = [[r + d, −q], [−q, p + d]]/(trace·d).
     let scale = 1.0 / (trace * root_det);
     let u = (a * (r + root_det) - b * q) * scale;
     let v = (b * (p + root_det) - a * q) * scale;
-    (u, v, trace)
+    Some((u, v, trace))
+}
+
+/// Any frame that holds the line or point that a and b span.
+fn along_a_line(a: Vector3<f64>, b: Vector3<f64>) -> (Vector3<f64>, Vector3<f64>, f64) {
+    let longer = if a.norm_squared() >= b.norm_squared() { a } else { b };
+    let u = longer.try_normalize(0.0).unwrap_or_else(Vector3::x);
+    let away = if u.x.abs() < 0.7 { Vector3::x() } else { Vector3::y() };
+    (u, (away - u * u.dot(&away)).normalize(), a.norm().hypot(b.norm()))
 }
 
 #[cfg(test)]

@@ -16,7 +16,7 @@ pub mod trial;
 
 pub use finder::CreaseFinder;
 pub use folds::{Crease, FACETS_MAX, Facet, Folds, ORDER_APART_M};
-pub use frame::FacetFrame;
+pub use frame::{FacetFrame, polar};
 pub use line::Line;
 pub use paper::ClusterFit;
 pub use params::{CreaseConfig, CreaseMode, CreaseParams, Lock, PaperParams};

@@ -96,10 +96,13 @@ impl FoldsMeta {
     }
 
     /// Brings `folds` up to date; facets that are the same already are kept as they are. Returns
-    /// `false`, and changes nothing, where the message holds no facets.
+    /// `false`, and changes nothing, where the message holds no facets, or what is none.
     pub fn update(&self, folds: &mut Folds) -> bool {
         let sound = |corners: &[[f64; 2]]| {
-            corners.len() >= 3 && corners.iter().flatten().all(|c| c.is_finite())
+            let next = corners.iter().cycle().skip(1);
+            corners.len() >= 3
+                && corners.iter().flatten().all(|c| c.is_finite())
+                && corners.iter().zip(next).all(|(a, b)| a != b)
         };
         if self.n_facets == 0 || !self.facets().all(sound) {
             return false;
@@ -140,7 +143,11 @@ mod tests {
         assert_eq!(received.facets(), folds.facets());
         assert_eq!((received.order(0, 2), received.order(2, 0)), (-1, 0));
         assert_eq!(meta.creases().len(), folds.creases().len());
-        // Nonsense is refused whole.
+        // Nonsense is refused whole: a side without a length, corners that are not there.
+        let corner_m = meta.corners_m[1];
+        meta.corners_m[1] = meta.corners_m[0];
+        assert!(!meta.update(&mut received));
+        meta.corners_m[1] = corner_m;
         meta.corners_of[1] = [u32::MAX, u32::MAX];
         assert!(!meta.update(&mut received));
         assert!(!FoldsMeta::zeroed().update(&mut received));

@@ -1,5 +1,6 @@
 //! `orime-evaluate cpd`: textbook Coherent Point Drift on two point files.
 
+use super::points::read_table;
 use anyhow::Context;
 use orime_geometry::nalgebra::Point3;
 use orime_register::textbook::{TextbookParams, register};
@@ -90,23 +91,6 @@ pub fn run(arguments: &CpdArguments) -> anyhow::Result<()> {
 
 /// Reads points; two columns get z = 0.
 fn read_points(path: &Path) -> anyhow::Result<Vec<Point3<f64>>> {
-    let text = std::fs::read_to_string(path)
-        .with_context(|| format!("reading points from `{}`", path.display()))?;
-    let mut points = Vec::new();
-    for (number, line) in text.lines().enumerate() {
-        let words = line.split([',', ' ', '\t']).filter(|word| !word.is_empty());
-        let values: Result<Vec<f64>, _> = words.map(str::parse).collect();
-        match values.as_deref() {
-            Ok([]) => {}
-            Ok([x, y]) => points.push(Point3::new(*x, *y, 0.0)),
-            Ok([x, y, z]) => points.push(Point3::new(*x, *y, *z)),
-            _ => anyhow::bail!(
-                "`{}`, line {}: expected two or three numbers, found `{line}`",
-                path.display(),
-                number + 1
-            ),
-        }
-    }
-    anyhow::ensure!(!points.is_empty(), "`{}` holds no points", path.display());
-    Ok(points)
+    let point = |row: Vec<f64>| Point3::new(row[0], row[1], row.get(2).copied().unwrap_or(0.0));
+    Ok(read_table(path, 2..=3)?.into_iter().map(point).collect())
 }

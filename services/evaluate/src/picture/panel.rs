@@ -1,5 +1,6 @@
 //! One row of pictures for one step.
 
+use orime_creases::Folds;
 use orime_geometry::nalgebra::{Point3, Rotation3, Unit, Vector3};
 use orime_geometry::{Edgel, ObservedPoint, RgbdCamera, SheetGrid};
 
@@ -16,8 +17,10 @@ pub struct PanelInput<'a> {
     pub sheet: &'a SheetGrid,
     /// Tracked nodes; empty before the first pose.
     pub nodes_m: &'a [[f32; 3]],
-    /// Facet or cluster of every node; may be empty.
-    pub labels: &'a [u8],
+    /// The sheet's facets.
+    pub folds: &'a Folds,
+    /// Cluster of every node, where there are clusters instead of facets; may be empty.
+    pub clusters: &'a [u8],
     /// Observed cloud.
     pub cloud: &'a [ObservedPoint],
     /// Contour.
@@ -62,9 +65,9 @@ pub fn panel(input: &PanelInput<'_>) -> Canvas {
     let left = format!("step {}  {}  {}", score.step, input.camera.name, score.tracking);
     let middle = format!("observed: {} points", score.points);
     let mut right =
-        format!("tracked: E {} mm  surface {} mm", number(score.e_mm), number(score.surface_mm));
+        format!("tracked, mm: E {}  surface {}", number(score.e_mm), number(score.surface_mm));
     if let Some(error) = score.vertex_error_mm_mean {
-        right += &format!("  truth {error:.2} mm");
+        right += &format!("  true error {error:.2}");
     }
     for (k, text) in [left, middle, right].iter().enumerate() {
         panel.text(k * IMAGE[0] + 8, 7, text, 2, WHITE);
@@ -172,13 +175,10 @@ fn sheet_image(input: &PanelInput<'_>) -> Canvas {
     let mut view = view(input);
     let nodes = input.nodes_m;
     if nodes.len() == input.sheet.len() {
+        let uv_m: Vec<[f64; 2]> = input.sheet.uv_m().collect();
         for triangle in input.sheet.triangles() {
-            let corners = triangle.map(|k| nodes[k as usize]);
-            // A corner on a crease may be of either side; most of three are not on one.
-            let mut labels = triangle.map(|k| input.labels.get(k as usize).copied().unwrap_or(0));
-            labels.sort_unstable();
-            let [front, back] = FACETS[labels[1] as usize % FACETS.len()];
-            view.triangle(corners, front, back);
+            let [front, back] = FACETS[label(input, &uv_m, triangle) % FACETS.len()];
+            view.triangle(triangle.map(|k| nodes[k as usize]), front, back);
         }
         for (a, b, is_border) in grid_lines(input.sheet) {
             let color = if is_border { [30, 30, 34] } else { [120, 120, 130] };
@@ -186,4 +186,18 @@ fn sheet_image(input: &PanelInput<'_>) -> Canvas {
         }
     }
     view.finish()
+}
+
+/// The facet or cluster of a triangle.
+fn label(input: &PanelInput<'_>, uv_m: &[[f64; 2]], triangle: [u32; 3]) -> usize {
+    if input.folds.facets().len() > 1 {
+        let corners = triangle.map(|k| uv_m[k as usize]);
+        return input.folds.facet_at(
+            [0, 1].map(|axis| corners.iter().map(|corner| corner[axis]).sum::<f64>() / 3.0),
+        );
+    }
+    // Most of three, which is the middle one where two are equal.
+    let mut labels = triangle.map(|k| input.clusters.get(k as usize).copied().unwrap_or(0));
+    labels.sort_unstable();
+    usize::from(labels[1])
 }

@@ -178,7 +178,7 @@ impl View {
     }
 
     /// Edgels in the cells that a square of half side `span` touches.
-    fn cells_near(&self, pixel: Vector2<f64>, span: f64) -> impl Iterator<Item = u32> + '_ {
+    pub fn cells_near(&self, pixel: Vector2<f64>, span: f64) -> impl Iterator<Item = u32> + '_ {
         let rows = self.cells.len() / self.columns;
         let range = |centre: f64, count: usize| {
             let cell = |at: f64| ((at / CELL_PX as f64).max(0.0) as usize).min(count);

@@ -22,6 +22,7 @@ struct Link { ends: vec2<u32>, rest_m: f32, softness_s2: f32 }
 @group(0) @binding(8) var<storage, read> facets: array<vec4<f32>>;
 
 const WIDTH = 256u;
+const SPEED_M_PER_S_MAX = 20.0;
 var<workgroup> sums: array<array<vec3<f32>, 3>, WIDTH>;
 
 fn advance(n: u32) {
@@ -115,5 +116,6 @@ fn rest_on_table(n: u32) {
 
 fn settle(n: u32) {
     if frame.has_table == 1u { rest_on_table(n); }
-    v[n] = vec4(v[n].xyz + (x[n].xyz - ahead[n].xyz) * frame.per_s, 0.0);
+    let speed = v[n].xyz + (x[n].xyz - ahead[n].xyz) * frame.per_s;
+    v[n] = vec4(clamp(speed, vec3(-SPEED_M_PER_S_MAX), vec3(SPEED_M_PER_S_MAX)), 0.0);
 }

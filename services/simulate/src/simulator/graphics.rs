@@ -92,7 +92,10 @@ impl Graphics {
 
 /// Whether the graphics processor can do all that is awake.
 pub(super) fn can_do(solver: &Solver, rates: &Rates) -> bool {
-    solver.anchors.is_empty()
+    // The kernels know one strength for all facets.
+    let facets_alike = solver.facet_shares.iter().all(|share| *share == 1.0);
+    facets_alike
+        && solver.anchors.is_empty()
         && solver.hinges.is_empty()
         && solver.plastic_links.is_empty()
         && !(solver.has_contact && rates.contact_awake)

@@ -109,10 +109,8 @@ impl Colour {
 /// The facets that each place belongs to, a bit per facet; none for the rows' padding.
 pub(crate) fn facets_of_place(layout: Layout, folds: &Folds) -> Vec<u32> {
     let mut facets = vec![0; layout.len()];
-    for facet in 0..folds.facets().len() {
-        for node in folds.members(facet) {
-            facets[layout.place(*node as usize)] |= 1 << facet;
-        }
+    for (place, of_node) in layout.places().zip(folds.facets_of_node()) {
+        facets[place] = *of_node;
     }
     facets
 }

@@ -60,8 +60,12 @@ impl Pass for Advance<'_> {
     }
 }
 
+/// Most that any component of a node's velocity becomes, m/s: far beyond what a robot does to
+/// paper, and little enough that a pose that no sheet can have does not throw it out of the cell.
+pub(crate) const SPEED_M_PER_S_MAX: f32 = 20.0;
+
 /// v ← v + (x − x̂)/dt, x̂ being where inertia alone had led: the same as (x − x°)/dt, but the
-/// rounding of x̂ does not become velocity.
+/// rounding of x̂ does not become velocity. No component exceeds [`SPEED_M_PER_S_MAX`].
 pub(crate) struct Settle<'a> {
     /// Numbers of a field to go through.
     pub len: usize,
@@ -79,6 +83,7 @@ impl Pass for Settle<'_> {
     #[inline(always)]
     fn run<V: Lanes>(self) {
         let len = self.len;
+        let (most, least) = (V::splat(SPEED_M_PER_S_MAX), V::splat(-SPEED_M_PER_S_MAX));
         for axis in 0..3 {
             let (x, ahead) = (&self.x[axis].rows()[..len], &self.ahead[axis].rows()[..len]);
             let v = &mut self.v[axis].rows_mut()[..len];
@@ -87,7 +92,8 @@ impl Pass for Settle<'_> {
                 unsafe {
                     let way = V::load(x.as_ptr().add(at)).sub(V::load(ahead.as_ptr().add(at)));
                     let speed = V::load(v.as_ptr().add(at));
-                    speed.add(way.mul(V::splat(self.per_s))).store(v.as_mut_ptr().add(at));
+                    let speed = speed.add(way.mul(V::splat(self.per_s)));
+                    speed.min(most).max(least).store(v.as_mut_ptr().add(at));
                 }
             }
         }

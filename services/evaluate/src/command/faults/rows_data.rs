@@ -66,7 +66,7 @@ pub fn clock_step(bench: &Bench) -> anyhow::Result<Seen> {
     let stepped_ns = now_ns();
     fs::write(&marker, b"")?;
     let event_ns = set.await_event("clock_step", "", 0)?;
-    // States go on, and their latencies know nothing of the hour.
+    // States go on for a while, and their latencies know nothing of the hour.
     std::thread::sleep(std::time::Duration::from_secs(1));
     let summary = set.stop()?;
     let max_us = summary["report"]["end_to_end_us"]["max"].as_f64().context("a latency")?;

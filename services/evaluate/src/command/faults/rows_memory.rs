@@ -2,11 +2,11 @@
 
 use std::fs;
 use std::os::unix::process::CommandExt;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use anyhow::{Context, bail, ensure};
 use orime_messages::PROTOCOL;
-use orime_runtime::{now_ns, shared_memory_of};
+use orime_runtime::{now_ns, shared_memory_of, start_ticks};
 use rustix::process::Signal;
 
 use super::driver::{Bench, ms_since, said, signal, wait_for};
@@ -23,8 +23,10 @@ pub fn stale_memory(bench: &Bench) -> anyhow::Result<Seen> {
     let run = entry.run_id().context("a run")?;
     signal(dead.pid(), Signal::KILL)?;
     dead.wait()?;
-    // Its stages die with it, a moment later.
-    std::thread::sleep(Duration::from_millis(300));
+    wait_for("the end of its stages", || {
+        let ended = entry.stages.iter().all(|(_, pid)| start_ticks(*pid).is_none());
+        Ok(ended.then_some(()))
+    })?;
     let left = shared_memory_of(run)?.len();
     // Started with another registry, so that it does not clear up by itself.
     fs::create_dir_all(bench.path("other"))?;

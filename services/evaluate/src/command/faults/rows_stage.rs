@@ -67,6 +67,7 @@ pub fn camera_unplugged(bench: &Bench) -> anyhow::Result<Seen> {
     fs::rename(&here, &away)?;
     set.await_event("degraded", "capture", 0)?;
     tracking(&mut states, COASTING)?;
+    // It stays away for a while: a blink would not show that the set lives on without it.
     std::thread::sleep(Duration::from_millis(500));
     let plugged_ns = now_ns();
     fs::rename(&away, &here)?;
@@ -96,6 +97,7 @@ pub fn slow_subscriber(bench: &Bench) -> anyhow::Result<Seen> {
         let state = states.newest()?.context("a state")?;
         steps.push(state.header.step);
         drop(state);
+        // This is the fault: six frames come while it does something else.
         std::thread::sleep(Duration::from_millis(400));
     }
     ensure!(steps.windows(2).all(|pair| pair[0] < pair[1]), "newest wins: {steps:?}");
@@ -114,6 +116,7 @@ pub fn slow_subscriber(bench: &Bench) -> anyhow::Result<Seen> {
             let register = set.stage_pid("register")?;
             let paused_ns = now_ns();
             signal(register, Signal::STOP)?;
+            // This is the fault.
             std::thread::sleep(Duration::from_millis(1500));
             signal(register, Signal::CONT)?;
             paused_ms = ms_since(paused_ns, now_ns());

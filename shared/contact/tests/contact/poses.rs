@@ -1,11 +1,9 @@
 //! Exact folds, disturbed so that their layers cross, are free of crossings after one projection.
 
-mod scene;
-
+use super::scene::{SIDE_M, Scene, config, mean_distance_m, paper};
 use orime_contact::{ContactReport, FacetContact};
 use orime_evaluate::scores::folded::self_intersections;
 use orime_origami::{FoldLine, Sequence, Timing};
-use scene::{SIDE_M, Scene, config, paper};
 
 /// What a run over a fold's steps came to.
 #[derive(Debug, Default)]
@@ -45,7 +43,7 @@ fn run(sequence: Sequence, stride: usize, noise_m: f64, seed: u64) -> Tally {
         if scene.has_flipped(&truth, &after) {
             tally.flipped.push(step);
         }
-        tally.moved_m += scene::mean_distance_m(&before, &after);
+        tally.moved_m += mean_distance_m(&before, &after);
         tally.stretch_before = tally.stretch_before.max(scene.stretch(&before));
         tally.stretch_after = tally.stretch_after.max(scene.stretch(&after));
     }

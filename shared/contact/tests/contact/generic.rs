@@ -1,13 +1,11 @@
 //! The generic contact and its net on shapes that know no facets.
 
-mod scene;
-
+use super::scene::{SIDE_M, Scene, config, mean_distance_m, paper};
 use orime_contact::GenericContact;
 use orime_evaluate::scores::folded::self_intersections;
 use orime_geometry::SheetGrid;
 use orime_origami::{FoldLine, Sequence, Timing};
 use proptest::prelude::*;
-use scene::{SIDE_M, Scene, config, paper};
 
 fn small() -> SheetGrid {
     SheetGrid::new([0.1, 0.08], [11, 9])
@@ -105,7 +103,7 @@ fn a_flap_that_is_pulled_through_stops_above_and_goes_home_alone() {
     let mut together: Vec<[f32; 3]> = from.iter().map(|p| [p[0], p[1] + 0.3, p[2]]).collect();
     let wanted = together.clone();
     contact.truncate(&from, &mut together);
-    assert!(scene::mean_distance_m(&together, &wanted) < 1e-6);
+    assert!(mean_distance_m(&together, &wanted) < 1e-6);
 }
 
 #[test]
@@ -127,7 +125,7 @@ fn a_corner_that_pokes_through_is_said_and_untangled() {
     let report = contact.untangle(&mut x);
     assert!(report.crossings_before > 0 && report.crossings_after == 0, "{report:?}");
     assert_eq!(self_intersections(&x, &scene.sheet.triangles()), 0);
-    assert!(scene::mean_distance_m(&x, &tangled) < 1e-4);
+    assert!(mean_distance_m(&x, &tangled) < 1e-4);
     assert!(contact.truncate(&x.clone(), &mut truth.clone()).armed);
 }
 

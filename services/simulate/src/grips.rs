@@ -1,8 +1,8 @@
 //! Material points that are held.
 
-use crate::solver::field::{Field, Layout};
 use orime_creases::Folds;
 use orime_geometry::SheetGrid;
+use orime_lanes::{Field, Layout};
 
 /// A material point that a gripper holds.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -98,9 +98,9 @@ fn cell(sheet: &SheetGrid, uv_m: [f64; 2]) -> Option<([usize; 2], [f64; 2])> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::solver::field::scatter;
     use crate::solver::links::facets_of_place;
     use orime_creases::Line;
+    use orime_lanes::scatter;
 
     fn grip(uv_m: [f64; 2]) -> Grip {
         Grip { uv_m, position_m: [0.1, 0.2, 0.3] }

@@ -1,8 +1,8 @@
 //! What the graphics processor is told of a solver.
 
-use crate::solver::lanes::LANES;
 use crate::solver::{Damp, Rates, Solver};
 use bytemuck::{Pod, Zeroable};
+use orime_lanes::LANES;
 
 /// As `Frame` in `passes.wgsl`.
 #[repr(C)]

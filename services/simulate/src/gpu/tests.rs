@@ -2,11 +2,11 @@
 //! nothing was compared.
 
 use super::{GpuError, Model, Path, Sheets};
-use crate::solver::field::{Layout, gather, scatter};
 use crate::solver::{Hooks, Rates, Solver};
 use crate::{Effect, SimulateParams};
 use orime_creases::{Folds, Line};
 use orime_geometry::SheetGrid;
+use orime_lanes::{Layout, gather, scatter};
 
 const SIDE_M: f64 = 0.15;
 
@@ -90,8 +90,8 @@ fn on_gpu(
 ) -> Result<Vec<Vec<[f32; 3]>>, GpuError> {
     let layout = solver.layout;
     let nodes = layout.nodes[0] * layout.nodes[1];
-    let fourth = |field: &crate::solver::field::Field, place: usize| field.rows()[place];
-    let four = |fields: &[crate::solver::field::Field; 3], last: &dyn Fn(usize) -> f32| {
+    let fourth = |field: &orime_lanes::Field, place: usize| field.rows()[place];
+    let four = |fields: &[orime_lanes::Field; 3], last: &dyn Fn(usize) -> f32| {
         let one = |place: usize| {
             let [x, y, z] = [0, 1, 2].map(|axis| fields[axis].rows()[place]);
             [x, y, z, last(place)]

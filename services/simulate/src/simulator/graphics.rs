@@ -4,8 +4,8 @@ use super::{Pulls, Simulator};
 use crate::contact::Part;
 use crate::gpu::{GpuError, Model, Path, Points, Sheets};
 use crate::params::Backend;
-use crate::solver::field::Field;
 use crate::solver::{Damp, Rates, Solver};
+use orime_lanes::Field;
 
 /// Nodes from which on a sheet is cut into dispatches of its own.
 const APART_NODES: u32 = 2048;

@@ -2,8 +2,8 @@
 
 use super::{Simulator, clamped_s};
 use crate::params::PredictParams;
-use crate::solver::field::{Field, Layout, gather};
 use crate::solver::{Hooks, Rates, Targets};
+use orime_lanes::{Field, Layout, gather};
 
 /// Room for predictions; made by the first one.
 #[derive(Debug, Clone)]

@@ -141,7 +141,7 @@ fn odd_frame_lengths_never_blow_up() {
 
 #[test]
 fn every_width_of_vectors_gives_the_same_bits() {
-    use crate::solver::lanes::Width;
+    use orime_lanes::Width;
     let run = |width: Width| {
         let mut params = SimulateParams::default();
         params.effects.extend([Effect::Crease, Effect::Table, Effect::Gravity]);

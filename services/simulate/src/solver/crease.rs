@@ -10,10 +10,10 @@
 //! grid. Angles are as in `orime_creases::Crease`, followed through half a turn.
 
 use crate::solver::facets::{FacetTable, FitFacet, Frame, dot};
-use crate::solver::field::Field;
-use crate::solver::lanes::{LANES, Lanes, Pass, Width};
 use crate::solver::links::{Colour, Rest};
 use orime_creases::Folds;
+use orime_lanes::Field;
+use orime_lanes::{LANES, Lanes, Pass, Width};
 use std::f64::consts::{PI, TAU};
 
 /// How creases yield.

@@ -6,10 +6,10 @@
 //! [U V] = M·S⁻¹,  g = x̄ + (u − ū)·U + (v − v̄)·V,  x ← x + k·(g − x)
 //! ```
 
-use crate::solver::field::{Field, Layout};
-use crate::solver::lanes::{LANES, Lanes, Pass};
 use orime_creases::Folds;
 use orime_geometry::SheetGrid;
+use orime_lanes::{Field, Layout};
+use orime_lanes::{LANES, Lanes, Pass};
 
 /// The nodes of one facet, as vectors of the rows.
 #[derive(Debug, Clone, PartialEq)]
@@ -270,9 +270,9 @@ pub(crate) fn polar(a: [f64; 3], b: [f64; 3]) -> ([f64; 3], [f64; 3]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::solver::field::scatter;
-    use crate::solver::lanes::Width;
     use orime_creases::Line;
+    use orime_lanes::Width;
+    use orime_lanes::scatter;
 
     #[test]
     fn the_pose_is_that_of_the_creases_library() {

@@ -1,10 +1,10 @@
 //! Distance links of a grid, in colours: links of one colour share no node.
 
 use crate::effect::Effect;
-use crate::solver::field::{Chunk, Layout};
-use crate::solver::lanes::LANES;
 use orime_creases::Folds;
 use orime_geometry::SheetGrid;
+use orime_lanes::LANES;
+use orime_lanes::{Chunk, Layout};
 
 /// All links of one direction and reach, split into two colours.
 ///

@@ -19,8 +19,6 @@
 
 pub(crate) mod crease;
 pub(crate) mod facets;
-pub(crate) mod field;
-pub(crate) mod lanes;
 pub(crate) mod links;
 mod motion;
 mod project;
@@ -36,12 +34,12 @@ use crate::grips::Anchor;
 use crate::params::{CreaseKind, DampingKind, SimulateParams};
 use crease::{Hinge, Plastic, PlasticLink};
 use facets::{Away, FacetTable, FitFacet, Frame};
-use field::{Field, Layout, scatter};
-use lanes::Width;
 use links::{Colour, Seam, Wanted, coloured, facets_of_place};
 use motion::Lowest;
 use orime_creases::Folds;
 use orime_geometry::SheetGrid;
+use orime_lanes::Width;
+use orime_lanes::{Field, Layout, scatter};
 
 /// What pulls the nodes: places and how much.
 #[derive(Debug, Clone)]

@@ -1,10 +1,8 @@
 //! Inertia, the pull of targets, the table: passes over nodes. GPU twins: `advance`, `pull`,
 //! `rest_on_table` and `settle` in `gpu/passes.wgsl`.
 
-use crate::solver::field::Field;
-use crate::solver::lanes::{
-    LANES, Lanes, Pass, dot, load_points, minus, plus, store_points, times,
-};
+use orime_lanes::Field;
+use orime_lanes::{LANES, Lanes, Pass, dot, load_points, minus, plus, store_points, times};
 
 /// Notes x° = x, then v ← (v − fall)·keep and x ← x + v·dt; what has no inverse mass stays.
 pub(crate) struct Advance<'a> {

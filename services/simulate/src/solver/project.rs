@@ -9,11 +9,9 @@
 //!
 //! Masses stand in units of a node's ordinary mass (w = 1), and so does α̃.
 
-use crate::solver::field::{Chunk, Field};
-use crate::solver::lanes::{
-    LANES, Lanes, Pass, dot, load_points, minus, plus, store_points, times,
-};
 use crate::solver::links::{Colour, Rest};
+use orime_lanes::{Chunk, Field};
+use orime_lanes::{LANES, Lanes, Pass, dot, load_points, minus, plus, store_points, times};
 
 /// How links are damped.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -210,10 +208,10 @@ unsafe fn make<V: Lanes>(
 mod tests {
     use super::*;
     use crate::effect::Effect;
-    use crate::solver::field::{Layout, gather, scatter};
-    use crate::solver::lanes::Width;
     use crate::solver::links::{Wanted, coloured};
     use orime_geometry::SheetGrid;
+    use orime_lanes::Width;
+    use orime_lanes::{Layout, gather, scatter};
 
     const LINKS: [Effect; 3] = [Effect::Stretch, Effect::Shear, Effect::Bend];
     const ALPHA: f32 = 0.3;

@@ -1,7 +1,6 @@
 //! One substep.
 
 use super::facets::{FitFacet, Frame, HoldFacet};
-use super::field::{Field, gather, scatter};
 use super::links::Seam;
 use super::motion::{Advance, Pull, RestOnTable, Settle};
 use super::project::{Damp, Project};
@@ -9,6 +8,7 @@ use super::{Solver, Targets};
 use crate::contact::{ContactPass, Part};
 use crate::effect::Effect;
 use orime_creases::Folds;
+use orime_lanes::{Field, gather, scatter};
 
 /// Numbers that all substeps of a frame share.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,17 +1,17 @@
 //! Numbers of nodes as structures of arrays, in rows padded to whole vectors.
 
-use crate::solver::lanes::LANES;
+use crate::lanes::LANES;
 use bytemuck::{Pod, Zeroable};
 use orime_geometry::SheetGrid;
 
 /// One vector's worth of numbers, on a cache line of its own.
 #[repr(C, align(64))]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
-pub(crate) struct Chunk(pub [f32; LANES]);
+pub struct Chunk(pub [f32; LANES]);
 
 /// How the nodes of a grid lie in a [`Field`]: node (i, j) at `i·stride + j`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Layout {
+pub struct Layout {
     /// Nodes along u and v.
     pub nodes: [usize; 2],
     /// Numbers from row to row, a multiple of [`LANES`].
@@ -52,7 +52,7 @@ impl Layout {
 
 /// A number per node.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Field(Vec<Chunk>);
+pub struct Field(Vec<Chunk>);
 
 impl Field {
     /// All rows, and a vector of room after them.
@@ -77,7 +77,7 @@ impl Field {
 }
 
 /// Writes positions into fields.
-pub(crate) fn scatter(layout: Layout, from: &[[f32; 3]], to: &mut [Field; 3]) {
+pub fn scatter(layout: Layout, from: &[[f32; 3]], to: &mut [Field; 3]) {
     for (axis, field) in to.iter_mut().enumerate() {
         let rows = field.rows_mut();
         for (place, x) in layout.places().zip(from) {
@@ -87,7 +87,7 @@ pub(crate) fn scatter(layout: Layout, from: &[[f32; 3]], to: &mut [Field; 3]) {
 }
 
 /// Reads positions out of fields, moved by `origin_m`.
-pub(crate) fn gather(layout: Layout, from: &[Field; 3], origin_m: [f32; 3], to: &mut [[f32; 3]]) {
+pub fn gather(layout: Layout, from: &[Field; 3], origin_m: [f32; 3], to: &mut [[f32; 3]]) {
     let [x, y, z] = [0, 1, 2].map(|axis| from[axis].rows());
     for (place, to) in layout.places().zip(to) {
         *to = [x[place] + origin_m[0], y[place] + origin_m[1], z[place] + origin_m[2]];

@@ -7,10 +7,10 @@
 use std::arch::x86_64::*;
 
 /// Numbers in a vector.
-pub(crate) const LANES: usize = 16;
+pub const LANES: usize = 16;
 
 /// Sixteen `f32`.
-pub(crate) trait Lanes: Copy {
+pub trait Lanes: Copy {
     /// All lanes alike.
     fn splat(value: f32) -> Self;
     /// Sixteen numbers from `from` on.
@@ -112,7 +112,7 @@ impl Lanes for [f32; LANES] {
 /// Sixteen numbers in one register.
 #[cfg(target_arch = "x86_64")]
 #[derive(Clone, Copy)]
-pub(crate) struct Avx512(__m512);
+pub struct Avx512(__m512);
 
 /// Implements a binary operation of [`Lanes`] by one instruction.
 #[cfg(target_arch = "x86_64")]
@@ -174,7 +174,7 @@ impl Lanes for Avx512 {
 /// Sixteen numbers in two registers.
 #[cfg(target_arch = "x86_64")]
 #[derive(Clone, Copy)]
-pub(crate) struct Avx2([__m256; 2]);
+pub struct Avx2([__m256; 2]);
 
 /// Implements a binary operation of [`Lanes`] by one instruction a half.
 #[cfg(target_arch = "x86_64")]
@@ -252,13 +252,13 @@ impl Lanes for Avx2 {
 }
 
 /// A pass over the nodes or links, written once for every kind of [`Lanes`].
-pub(crate) trait Pass {
+pub trait Pass {
     /// Runs it; must be `#[inline(always)]`.
     fn run<V: Lanes>(self);
 }
 
 /// Sixteen points.
-pub(crate) type Points<V> = [V; 3];
+pub type Points<V> = [V; 3];
 
 // Functions, and no closures or `array::map`: only what is always inlined becomes vector code.
 
@@ -267,7 +267,7 @@ pub(crate) type Points<V> = [V; 3];
 /// # Safety
 /// As [`Lanes::load`], for each of the three.
 #[inline(always)]
-pub(crate) unsafe fn load_points<V: Lanes>(from: [*const f32; 3], at: usize) -> Points<V> {
+pub unsafe fn load_points<V: Lanes>(from: [*const f32; 3], at: usize) -> Points<V> {
     // SAFETY: the caller's.
     unsafe { [V::load(from[0].add(at)), V::load(from[1].add(at)), V::load(from[2].add(at))] }
 }
@@ -277,7 +277,7 @@ pub(crate) unsafe fn load_points<V: Lanes>(from: [*const f32; 3], at: usize) -> 
 /// # Safety
 /// As [`Lanes::store`], for each of the three.
 #[inline(always)]
-pub(crate) unsafe fn store_points<V: Lanes>(points: Points<V>, to: [*mut f32; 3], at: usize) {
+pub unsafe fn store_points<V: Lanes>(points: Points<V>, to: [*mut f32; 3], at: usize) {
     // SAFETY: the caller's.
     unsafe {
         points[0].store(to[0].add(at));
@@ -288,31 +288,31 @@ pub(crate) unsafe fn store_points<V: Lanes>(points: Points<V>, to: [*mut f32; 3]
 
 /// a + b.
 #[inline(always)]
-pub(crate) fn plus<V: Lanes>(a: Points<V>, b: Points<V>) -> Points<V> {
+pub fn plus<V: Lanes>(a: Points<V>, b: Points<V>) -> Points<V> {
     [a[0].add(b[0]), a[1].add(b[1]), a[2].add(b[2])]
 }
 
 /// a − b.
 #[inline(always)]
-pub(crate) fn minus<V: Lanes>(a: Points<V>, b: Points<V>) -> Points<V> {
+pub fn minus<V: Lanes>(a: Points<V>, b: Points<V>) -> Points<V> {
     [a[0].sub(b[0]), a[1].sub(b[1]), a[2].sub(b[2])]
 }
 
 /// a·s.
 #[inline(always)]
-pub(crate) fn times<V: Lanes>(a: Points<V>, s: V) -> Points<V> {
+pub fn times<V: Lanes>(a: Points<V>, s: V) -> Points<V> {
     [a[0].mul(s), a[1].mul(s), a[2].mul(s)]
 }
 
 /// a·b.
 #[inline(always)]
-pub(crate) fn dot<V: Lanes>(a: Points<V>, b: Points<V>) -> V {
+pub fn dot<V: Lanes>(a: Points<V>, b: Points<V>) -> V {
     a[0].mul(b[0]).add(a[1].mul(b[1])).add(a[2].mul(b[2]))
 }
 
 /// The widest vectors that this machine has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Width {
+pub enum Width {
     /// AVX-512.
     #[cfg(target_arch = "x86_64")]
     Avx512,

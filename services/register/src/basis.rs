@@ -1,7 +1,8 @@
 //! The motion-coherence kernel's eigenbasis on the control points.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use orime_geometry::SheetGrid;
+use orime_lanes::{Lanes, Pass};
 
 /// Control points of a sheet and the modes in which they may move together.
 ///
@@ -58,6 +59,105 @@ impl Basis {
         let k = self.eigenvalues.len();
         &self.modes.as_slice()[a * k..(a + 1) * k]
     }
+}
+
+/// The reduced normal equations, one unknown per mode.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Equations {
+    /// Qᵀ S Q, K × K, of which the lower triangle is filled, column by column.
+    pub normal: Vec<f64>,
+    /// Qᵀ F, one column per axis.
+    pub right: [Vec<f64>; 3],
+    spread: Vec<f64>,
+}
+
+impl Equations {
+    /// Zeros for K modes.
+    pub fn reset(&mut self, k: usize) {
+        let Self { normal, right: [x, y, z], spread } = self;
+        for (numbers, len) in [(normal, k * k), (x, k), (y, k), (z, k), (spread, k)] {
+            numbers.clear();
+            numbers.resize(len, 0.0);
+        }
+    }
+}
+
+/// Adds up the normal equations.
+pub(crate) struct Reduce<'a> {
+    /// Q.
+    pub basis: &'a Basis,
+    /// S: each control point's coupling to its nine neighbours; row major, own place 4.
+    pub stencil: &'a [[f64; 9]],
+    /// F: a force per control point.
+    pub force: &'a [[f64; 3]],
+    /// Receives the sums.
+    pub equations: &'a mut Equations,
+}
+
+impl Pass for Reduce<'_> {
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let Self { basis, stencil, force, equations } = self;
+        let Equations { normal, right, spread } = equations;
+        let k = spread.len();
+        let stride = basis.controls[1] as isize;
+        for a in 0..basis.len() {
+            let row = basis.row(a);
+            for (right, force) in right.iter_mut().zip(force[a]) {
+                add(right, force, row);
+            }
+            spread.fill(0.0);
+            for (place, weight) in stencil[a].iter().enumerate() {
+                if *weight != 0.0 {
+                    let (di, dj) = (place as isize / 3 - 1, place as isize % 3 - 1);
+                    add(spread, *weight, basis.row((a as isize + di * stride + dj) as usize));
+                }
+            }
+            for (j, spread) in spread.iter().enumerate() {
+                add(&mut normal[j * k + j..(j + 1) * k], *spread, &row[j..]);
+            }
+        }
+    }
+}
+
+/// Moves the control points by the modes.
+pub(crate) struct Expand<'a> {
+    /// Q.
+    pub basis: &'a Basis,
+    /// How far each mode moves, metres, one column per axis.
+    pub modes: &'a [DVector<f64>; 3],
+    /// Receives how far each control point moves, metres.
+    pub moved: &'a mut [[f32; 3]],
+}
+
+impl Pass for Expand<'_> {
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        for (a, moved) in self.moved.iter_mut().enumerate() {
+            let row = self.basis.row(a);
+            *moved = [0, 1, 2].map(|axis| product(self.modes[axis].as_slice(), row) as f32);
+        }
+    }
+}
+
+/// sum ← sum + weight·row.
+#[inline(always)]
+fn add(sum: &mut [f64], weight: f64, row: &[f64]) {
+    for (sum, entry) in sum.iter_mut().zip(row) {
+        *sum += weight * entry;
+    }
+}
+
+/// Σ a·b in eight lanes, so that every width of vectors gives the same bits.
+#[inline(always)]
+fn product(a: &[f64], b: &[f64]) -> f64 {
+    let mut lanes = [0.0; 8];
+    for (a, b) in a.chunks(8).zip(b.chunks(8)) {
+        for ((lane, a), b) in lanes.iter_mut().zip(a).zip(b) {
+            *lane += a * b;
+        }
+    }
+    lanes.iter().sum()
 }
 
 /// Bilinear interpolation from a grid of `from` points to one of `to` points over the same sheet.

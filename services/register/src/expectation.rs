@@ -1,13 +1,12 @@
 //! The E-step's inner kernel: one cell of observed points against its candidate components.
 //!
-//! Written once and compiled for AVX-512, AVX2 and the baseline. Products and sums are never
-//! fused, and every sum runs in [`LANES`] fixed lanes, so all three give the same bits.
+//! Inlined into passes for AVX-512, AVX2 and the baseline. Products and sums are never fused, and
+//! every sum runs in [`LANES`] fixed lanes, so all three give the same bits.
 
-/// Width of the lanes, in which every path adds up.
-pub(crate) const LANES: usize = 16;
+use orime_lanes::LANES;
 
-/// Candidate components of a cell and what the cell gives them, as arrays of equal length, a
-/// multiple of [`LANES`]; padding stands so far off that its weight is zero.
+/// Candidate components of a cell and what the cell gives them, as arrays of which the first are
+/// in use; padding to a multiple of [`LANES`] stands so far off that its weight is zero.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Candidates {
     /// Positions relative to the cell's origin, metres.
@@ -28,6 +27,8 @@ pub(crate) struct Candidates {
     pub pull_z: Vec<f32>,
     weight: Vec<f32>,
     squared: Vec<f32>,
+    /// Components that are there, then with their padding.
+    len: usize,
 }
 
 /// Sums of one cell over its points.
@@ -40,49 +41,52 @@ pub(crate) struct CellSums {
 }
 
 impl Candidates {
-    /// Forgets the last cell.
-    pub fn clear(&mut self) {
+    /// Makes room for so many components.
+    pub fn reserve(&mut self, count: usize) {
+        let len = count.next_multiple_of(LANES);
         for column in self.columns() {
-            column.clear();
+            column.resize(len.max(column.len()), 0.0);
         }
     }
 
-    /// Adds a component.
-    pub fn push(&mut self, position: [f32; 3], prior: f32) {
-        self.x.push(position[0]);
-        self.y.push(position[1]);
-        self.z.push(position[2]);
-        self.prior.push(prior);
+    /// Forgets the last cell.
+    pub fn clear(&mut self) {
+        self.len = 0;
     }
 
-    /// Changes the prior weights of the components, in the order in which they were added.
+    /// Adds a component; there must be room for it.
+    #[inline(always)]
+    pub fn push(&mut self, position: [f32; 3]) {
+        self.x[self.len] = position[0];
+        self.y[self.len] = position[1];
+        self.z[self.len] = position[2];
+        self.len += 1;
+    }
+
+    /// Sets the prior weights of the components, in the order in which they were added.
+    #[inline(always)]
     pub fn set_priors(&mut self, priors: impl Iterator<Item = f32>) {
         for (own, prior) in self.prior.iter_mut().zip(priors) {
             *own = prior;
         }
     }
 
-    /// Pads to a multiple of [`LANES`] and zeroes the sums.
+    /// Pads to a multiple of [`LANES`] and zeroes the sums; all priors are 1.
+    #[inline(always)]
     pub fn seal(&mut self) {
-        while !self.x.len().is_multiple_of(LANES) {
-            self.push([1e3; 3], 0.0);
+        self.prior[..self.len].fill(1.0);
+        while !self.len.is_multiple_of(LANES) {
+            self.prior[self.len] = 0.0;
+            self.push([1e3; 3]);
         }
-        let n = self.x.len();
-        for sums in [
-            &mut self.mass,
-            &mut self.pull_x,
-            &mut self.pull_y,
-            &mut self.pull_z,
-            &mut self.weight,
-            &mut self.squared,
-        ] {
-            sums.resize(n, 0.0);
+        for sums in [&mut self.mass, &mut self.pull_x, &mut self.pull_y, &mut self.pull_z] {
+            sums[..self.len].fill(0.0);
         }
     }
 
     /// Σ of the pulls over all components, metres.
     pub fn pull_sum(&self) -> [f32; 3] {
-        [&self.pull_x, &self.pull_y, &self.pull_z].map(|pull| pull.iter().sum())
+        [&self.pull_x, &self.pull_y, &self.pull_z].map(|pull| pull[..self.len].iter().sum())
     }
 
     fn columns(&mut self) -> [&mut Vec<f32>; 10] {
@@ -105,57 +109,24 @@ impl Candidates {
 ///
 /// p[m,n] = α[m] exp(−|x[n]−y[m]|²/2σ²) / (Σ_k α[k] exp(−|x[n]−y[k]|²/2σ²) + c)
 ///
-/// `points` are relative to the cell's origin, metres; `explained[n]` receives Σ_m p[m,n].
+/// `points` are relative to the cell's origin, metres.
+#[inline(always)]
 pub(crate) fn expect_cell(
     points: &[[f32; 3]],
     candidates: &mut Candidates,
     variance_m2: f32,
     uniform: f32,
-    explained: &mut [f32],
 ) -> CellSums {
-    #[cfg(target_arch = "x86_64")]
-    {
-        if is_x86_feature_detected!("avx512f") {
-            // SAFETY: the feature was detected on the line above.
-            return unsafe { avx512(points, candidates, variance_m2, uniform, explained) };
-        }
-        if is_x86_feature_detected!("avx2") {
-            // SAFETY: the feature was detected on the line above.
-            return unsafe { avx2(points, candidates, variance_m2, uniform, explained) };
-        }
-    }
-    kernel(points, candidates, variance_m2, uniform, explained)
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx512f,avx512vl,avx512dq")]
-fn avx512(p: &[[f32; 3]], c: &mut Candidates, v: f32, u: f32, e: &mut [f32]) -> CellSums {
-    kernel(p, c, v, u, e)
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn avx2(p: &[[f32; 3]], c: &mut Candidates, v: f32, u: f32, e: &mut [f32]) -> CellSums {
-    kernel(p, c, v, u, e)
-}
-
-#[inline(always)]
-fn kernel(
-    points: &[[f32; 3]],
-    candidates: &mut Candidates,
-    variance_m2: f32,
-    uniform: f32,
-    explained: &mut [f32],
-) -> CellSums {
-    let n = candidates.x.len();
-    let Candidates { x, y, z, prior, mass, pull_x, pull_y, pull_z, weight, squared } = candidates;
+    let n = candidates.len;
+    let Candidates { x, y, z, prior, mass, pull_x, pull_y, pull_z, weight, squared, .. } =
+        candidates;
     // One length for all, so that no bound is checked inside the loops.
     let (x, y, z, prior) = (&x[..n], &y[..n], &z[..n], &prior[..n]);
     let (mass, weight, squared) = (&mut mass[..n], &mut weight[..n], &mut squared[..n]);
     let (pull_x, pull_y, pull_z) = (&mut pull_x[..n], &mut pull_y[..n], &mut pull_z[..n]);
     let exponent = -std::f32::consts::LOG2_E / (2.0 * variance_m2);
     let mut sums = CellSums::default();
-    for (point, explained) in points.iter().zip(explained) {
+    for point in points {
         let mut total = [0f32; LANES];
         for first in (0..n).step_by(LANES) {
             for (lane, total) in total.iter_mut().enumerate() {
@@ -180,8 +151,7 @@ fn kernel(
                 *sum += p * squared[k];
             }
         }
-        *explained = total * inverse;
-        sums.mass += f64::from(*explained);
+        sums.mass += f64::from(total * inverse);
         sums.squared_m2 += f64::from(fold(squared_sum));
     }
     sums
@@ -222,6 +192,7 @@ fn exp2(t: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use orime_lanes::{Lanes, Pass, Width};
 
     #[test]
     fn exp2_is_close_everywhere() {
@@ -235,10 +206,10 @@ mod tests {
 
     fn candidates() -> Candidates {
         let mut candidates = Candidates::default();
-        candidates.clear();
+        candidates.reserve(37);
         for k in 0..37 {
             let k = k as f32;
-            candidates.push([0.001 * k, 0.002 * (k * 0.7).sin(), 0.001 * (k * 1.3).cos()], 1.0);
+            candidates.push([0.001 * k, 0.002 * (k * 0.7).sin(), 0.001 * (k * 1.3).cos()]);
         }
         candidates.seal();
         candidates
@@ -248,21 +219,34 @@ mod tests {
         (0..53).map(|k| k as f32).map(|k| [0.0007 * k, 0.001 * k.sin(), 0.001 * k.cos()]).collect()
     }
 
+    struct Once<'a>(&'a mut Candidates, &'a mut CellSums);
+
+    impl Pass for Once<'_> {
+        #[inline(always)]
+        fn run<V: Lanes>(self) {
+            *self.1 = expect_cell(&points(), self.0, 4e-6, 0.3);
+        }
+    }
+
     #[test]
     fn every_path_gives_the_bits_of_the_portable_one() {
-        let (points, mut a, mut b) = (points(), candidates(), candidates());
-        let (mut e, mut f) = (vec![f32::NAN; points.len()], vec![f32::NAN; points.len()]);
-        let sums = expect_cell(&points, &mut a, 4e-6, 0.3, &mut e);
-        let portable = kernel(&points, &mut b, 4e-6, 0.3, &mut f);
-        assert_eq!((sums.mass, sums.squared_m2), (portable.mass, portable.squared_m2));
-        assert_eq!((&a.mass, &a.pull_x, &a.pull_z, &e), (&b.mass, &b.pull_x, &b.pull_z, &f));
+        let at = |width: Width| {
+            let (mut candidates, mut sums) = (candidates(), CellSums::default());
+            width.run(Once(&mut candidates, &mut sums));
+            let Candidates { mass, pull_x, pull_y, pull_z, .. } = candidates;
+            (sums.mass, sums.squared_m2, mass, pull_x, pull_y, pull_z)
+        };
+        let portable = at(Width::Portable);
+        assert!(portable.0 > 1.0);
+        for width in Width::available() {
+            assert_eq!(at(width), portable, "{width:?}");
+        }
     }
 
     #[test]
     fn the_kernel_is_the_formula() {
         let (points, mut found) = (points(), candidates());
-        let mut explained = vec![0.0; points.len()];
-        let sums = expect_cell(&points, &mut found, 4e-6, 0.3, &mut explained);
+        let sums = expect_cell(&points, &mut found, 4e-6, 0.3);
         let at = |k: usize| [found.x[k], found.y[k], found.z[k]].map(f64::from);
         let mut mass = vec![0f64; 37];
         let mut squared_m2 = 0.0;

@@ -205,7 +205,7 @@ impl Fusion {
 
     /// A pose of every node from the fused ones alone: the flat sheet where most of them are,
     /// bent to the others without stretching it. `None` where they are too few or do not fit.
-    pub fn pose(&self) -> Option<Vec<[f32; 3]>> {
+    pub fn pose(&mut self) -> Option<Vec<[f32; 3]>> {
         if self.nodes.len() < POSE_NODES_MIN {
             return None;
         }

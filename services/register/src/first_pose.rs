@@ -3,7 +3,7 @@
 //! Nobody places the sheet by hand. Parts may be hidden (a hand, a clip), so the rectangle is not
 //! the hull of what is seen: each side is matched robustly to the outermost points along it.
 
-use crate::mixture::bounds;
+use crate::cloud::bounds;
 use nalgebra::{Point3, Vector2, Vector3};
 use orime_geometry::{ObservedPoint, SheetGrid, fit::Plane};
 

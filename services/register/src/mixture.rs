@@ -2,29 +2,16 @@
 
 use crate::bias::RaySums;
 use crate::blend::{Blend, Blender};
+use crate::cloud::{Cell, Cloud};
 use crate::expectation::{Candidates, expect_cell};
+use crate::lookup::Lookup;
 use crate::visibility::Visibility;
 use orime_creases::Folds;
 use orime_geometry::SheetGrid;
-use std::ops::Range;
+use orime_lanes::{Lanes, Pass, Width};
 
 /// σ beyond which a component is not asked about a point: exp(−3.5²/2) = 2e-3.
 const CUTOFF_SIGMAS: f32 = 3.5;
-/// Most cells of the lookup grid along an axis.
-const CELLS_MAX: usize = 48;
-
-/// Observed points, sorted into cells for the whole frame.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct Cloud {
-    /// Positions, metres, cell after cell.
-    pub points_m: Vec<[f32; 3]>,
-    /// Ranges of points in one cell.
-    cells: Vec<Range<usize>>,
-    /// Camera of each point; within a cell they ascend.
-    cameras: Vec<u32>,
-    /// Cell, then camera and place in the input.
-    keys: Vec<(u64, u64)>,
-}
 
 /// Components of the mixture and what the last E-step gave them.
 #[derive(Debug, Clone)]
@@ -48,7 +35,7 @@ pub(crate) struct Mixture {
     candidates: Candidates,
     members: Vec<u32>,
     local: Vec<[f32; 3]>,
-    explained: Vec<f32>,
+    width: Width,
 }
 
 /// Sums over all points and components of one E-step.
@@ -58,48 +45,6 @@ pub(crate) struct Expectation {
     pub mass: f64,
     /// Σ p·|x − y|², m².
     pub squared_m2: f64,
-}
-
-impl Cloud {
-    /// Sorts points, each with its camera, into cells of `cell_m`; all must be finite. Their order
-    /// does not matter.
-    pub fn fill(&mut self, points: impl Iterator<Item = ([f32; 3], u32)>, cell_m: f32) {
-        let unsorted: Vec<([f32; 3], u32)> = points.collect();
-        let cell =
-            |c: f32| ((c / cell_m).floor() as i64 + (1 << 20)).clamp(0, (1 << 21) - 1) as u64;
-        self.keys.clear();
-        self.keys.extend(unsorted.iter().enumerate().map(|(n, (p, camera))| {
-            let key = (cell(p[0]) << 42) | (cell(p[1]) << 21) | cell(p[2]);
-            (key, (u64::from(*camera) << 32) | n as u64)
-        }));
-        self.keys.sort_unstable();
-        let place = |key: &(u64, u64)| unsorted[(key.1 & 0xffff_ffff) as usize];
-        self.points_m.clear();
-        self.points_m.extend(self.keys.iter().map(|key| place(key).0));
-        self.cameras.clear();
-        self.cameras.extend(self.keys.iter().map(|key| place(key).1));
-        self.cells.clear();
-        let mut start = 0;
-        for end in 1..=self.keys.len() {
-            if end == self.keys.len() || self.keys[end].0 != self.keys[start].0 {
-                self.cells.push(start..end);
-                start = end;
-            }
-        }
-    }
-
-    /// The points of a cell, camera by camera.
-    fn by_camera(&self, cell: Range<usize>) -> impl Iterator<Item = (u32, Range<usize>)> + '_ {
-        let mut start = cell.start;
-        std::iter::from_fn(move || {
-            let camera = *self.cameras[start..cell.end].first()?;
-            let others = self.cameras[start..cell.end].iter();
-            let end = start + others.take_while(|c| **c == camera).count();
-            let range = start..end;
-            start = end;
-            Some((camera, range))
-        })
-    }
 }
 
 impl Mixture {
@@ -123,13 +68,19 @@ impl Mixture {
             candidates: Candidates::default(),
             members: Vec::new(),
             local: Vec::new(),
-            explained: Vec::new(),
+            width: Width::available()[0],
         }
     }
 
     /// Components along u and v.
     pub fn fine_nodes(sheet: &SheetGrid, per_cell: usize) -> [usize; 2] {
         sheet.nodes.map(|n| (n - 1) * per_cell + 1)
+    }
+
+    /// Mean distance of neighbouring components at rest, metres.
+    pub fn spacing_m(&self) -> f32 {
+        let [h_u, h_v] = self.fine.spacing_m();
+        (0.5 * (h_u + h_v)) as f32
     }
 
     /// Takes over other folds: a component is a part of the facet that it lies in.
@@ -165,79 +116,20 @@ impl Mixture {
     }
 
     /// The E-step: fills `mass` and `pull_m`.
-    ///
-    /// `uniform_per_m3` is the density of the outlier class relative to one component: the `c` of
-    /// Myronenko & Song's equation 6 without its (2πσ²)^{3/2}.
     pub fn expect(
         &mut self,
         cloud: &Cloud,
         visibility: &Visibility,
         cell_m: f32,
-        sigma_m: f32,
-        uniform_per_m3: f64,
+        asked: &Asked,
     ) -> Expectation {
         self.mass.fill(0.0);
         self.pull_m.fill([0.0; 3]);
         self.lookup.fill(&self.positions_m, cell_m);
-        let reach_m = CUTOFF_SIGMAS * sigma_m;
-        let variance = f64::from(sigma_m).powi(2);
-        let uniform = (uniform_per_m3 * (std::f64::consts::TAU * variance).powf(1.5)) as f32;
-        let mut total = Expectation::default();
         self.rays.clear();
         self.rays.resize(self.eyes_m.len(), RaySums::default());
-        for cell in &cloud.cells {
-            let points = &cloud.points_m[cell.clone()];
-            let (low, high) = bounds(points);
-            self.members.clear();
-            self.lookup.near(&self.positions_m, low, high, reach_m, &mut self.members);
-            if self.members.is_empty() {
-                continue;
-            }
-            self.candidates.clear();
-            for m in &self.members {
-                self.candidates.push(sub(self.positions_m[*m as usize], low), 1.0);
-            }
-            self.candidates.seal();
-            let mut before = [0f32; 3];
-            for (camera, range) in cloud.by_camera(cell.clone()) {
-                match visibility.priors(camera) {
-                    Some(priors) => {
-                        self.candidates.set_priors(self.members.iter().map(|m| priors[*m as usize]))
-                    }
-                    None => self.candidates.set_priors(self.members.iter().map(|_| 1.0)),
-                }
-                let points = &cloud.points_m[range];
-                self.local.clear();
-                self.local.extend(points.iter().map(|p| sub(*p, low)));
-                self.explained.clear();
-                self.explained.resize(points.len(), 0.0);
-                let sums = expect_cell(
-                    &self.local,
-                    &mut self.candidates,
-                    variance as f32,
-                    uniform,
-                    &mut self.explained,
-                );
-                total.mass += sums.mass;
-                total.squared_m2 += sums.squared_m2;
-                if let Some(eye) = self.eyes_m.get(camera as usize) {
-                    let after = self.candidates.pull_sum();
-                    let ray = sub(low, *eye);
-                    let toward = dot(sub(after, before), ray) / norm2(ray).sqrt();
-                    let rays = &mut self.rays[camera as usize];
-                    rays.mass += sums.mass;
-                    rays.toward_m += f64::from(toward);
-                    before = after;
-                }
-            }
-            for (k, m) in self.members.iter().enumerate() {
-                let m = *m as usize;
-                self.mass[m] += f64::from(self.candidates.mass[k]);
-                self.pull_m[m][0] += f64::from(self.candidates.pull_x[k]);
-                self.pull_m[m][1] += f64::from(self.candidates.pull_y[k]);
-                self.pull_m[m][2] += f64::from(self.candidates.pull_z[k]);
-            }
-        }
+        let mut total = Expectation::default();
+        self.width.run(Expect { mixture: self, cloud, visibility, asked, total: &mut total });
         total
     }
 
@@ -245,124 +137,140 @@ impl Mixture {
     /// `reach_m` of a point.
     pub fn coverage(&mut self, cloud: &Cloud, cell_m: f32, reach_m: f32) -> (f64, f64) {
         self.lookup.fill(&self.positions_m, cell_m);
-        let mut supported = vec![false; self.positions_m.len()];
-        let mut explained = 0usize;
-        for cell in &cloud.cells {
-            let points = &cloud.points_m[cell.clone()];
-            let (low, high) = bounds(points);
-            self.members.clear();
-            self.lookup.near(&self.positions_m, low, high, reach_m, &mut self.members);
-            for point in points {
+        let mut covered = Covered { explained: 0, supported: vec![false; self.positions_m.len()] };
+        self.width.run(Cover { mixture: self, cloud, reach_m, covered: &mut covered });
+        let share = |k: usize, of: usize| k as f64 / of.max(1) as f64;
+        let supported = covered.supported.iter().filter(|s| **s).count();
+        (share(covered.explained, cloud.points_m.len()), share(supported, self.positions_m.len()))
+    }
+}
+
+/// How an E-step is done.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Asked {
+    /// Standard deviation of the components, metres.
+    pub sigma_m: f32,
+    /// Density of the outlier class relative to one component: the `c` of Myronenko & Song's
+    /// equation 6 without its (2πσ²)^{3/2}.
+    pub uniform_per_m3: f64,
+    /// Of how many points one is asked, which then counts as many times: a wide mixture does not
+    /// need all.
+    pub thinning: usize,
+}
+
+struct Expect<'a> {
+    mixture: &'a mut Mixture,
+    cloud: &'a Cloud,
+    visibility: &'a Visibility,
+    asked: &'a Asked,
+    total: &'a mut Expectation,
+}
+
+impl Pass for Expect<'_> {
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let Self { mixture, cloud, visibility, asked, total } = self;
+        let reach_m = CUTOFF_SIGMAS * asked.sigma_m;
+        let variance = f64::from(asked.sigma_m).powi(2);
+        let uniform = (asked.uniform_per_m3 * (std::f64::consts::TAU * variance).powf(1.5)) as f32;
+        let weight = asked.thinning as f64;
+        let Mixture { lookup, candidates, members, local, eyes_m, rays, mass, pull_m, .. } =
+            mixture;
+        candidates.reserve(mass.len());
+        for Cell { points, bounds_m } in &cloud.cells {
+            if points.start.next_multiple_of(asked.thinning) >= points.end {
+                continue;
+            }
+            let low = bounds_m.0;
+            members.clear();
+            candidates.clear();
+            lookup.near::<V>(*bounds_m, reach_m, |m, position_m| {
+                members.push(m);
+                candidates.push(position_m);
+            });
+            if members.is_empty() {
+                continue;
+            }
+            candidates.seal();
+            let mut before = [0f32; 3];
+            for (camera, range) in cloud.by_camera(points.clone()) {
+                match visibility.priors(camera) {
+                    Some(priors) => {
+                        candidates.set_priors(members.iter().map(|m| priors[*m as usize]));
+                    }
+                    None => candidates.set_priors(members.iter().map(|_| 1.0)),
+                }
+                // Multiples within the whole cloud, so that cells of few points are heard too.
+                let first = range.start.next_multiple_of(asked.thinning);
+                let places = (first..range.end).step_by(asked.thinning);
+                local.clear();
+                local.extend(places.map(|n| sub(cloud.points_m[n], low)));
+                if local.is_empty() {
+                    continue;
+                }
+                let sums = expect_cell(local, candidates, variance as f32, uniform);
+                total.mass += weight * sums.mass;
+                total.squared_m2 += weight * sums.squared_m2;
+                if let Some(eye) = eyes_m.get(camera as usize) {
+                    let after = candidates.pull_sum();
+                    let ray = sub(low, *eye);
+                    let toward = dot(sub(after, before), ray) / norm2(ray).sqrt();
+                    let rays = &mut rays[camera as usize];
+                    rays.mass += weight * sums.mass;
+                    rays.toward_m += weight * f64::from(toward);
+                    before = after;
+                }
+            }
+            for (k, m) in members.iter().enumerate() {
+                let m = *m as usize;
+                mass[m] += weight * f64::from(candidates.mass[k]);
+                let pull = [candidates.pull_x[k], candidates.pull_y[k], candidates.pull_z[k]];
+                for (sum, pull) in pull_m[m].iter_mut().zip(pull) {
+                    *sum += weight * f64::from(pull);
+                }
+            }
+        }
+    }
+}
+
+/// What a pose covers.
+struct Covered {
+    /// Points near a component.
+    explained: usize,
+    /// Per component: whether a point is near.
+    supported: Vec<bool>,
+}
+
+struct Cover<'a> {
+    mixture: &'a mut Mixture,
+    cloud: &'a Cloud,
+    reach_m: f32,
+    covered: &'a mut Covered,
+}
+
+impl Pass for Cover<'_> {
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let Self { mixture, cloud, reach_m, covered } = self;
+        let mut near: Vec<(u32, [f32; 3])> = Vec::new();
+        for Cell { points, bounds_m } in &cloud.cells {
+            near.clear();
+            mixture
+                .lookup
+                .near::<V>(*bounds_m, reach_m, |m, position_m| near.push((m, position_m)));
+            for point in &cloud.points_m[points.clone()] {
+                let point = sub(*point, bounds_m.0);
                 let mut found = false;
-                for m in &self.members {
-                    if norm2(sub(*point, self.positions_m[*m as usize])) < reach_m * reach_m {
-                        supported[*m as usize] = true;
+                for (m, position_m) in &near {
+                    if norm2(sub(point, *position_m)) < reach_m * reach_m {
+                        covered.supported[*m as usize] = true;
                         found = true;
                     }
                 }
-                explained += usize::from(found);
-            }
-        }
-        let share = |k: usize, of: usize| k as f64 / of.max(1) as f64;
-        let supported = supported.iter().filter(|s| **s).count();
-        (share(explained, cloud.points_m.len()), share(supported, self.positions_m.len()))
-    }
-}
-
-/// Counting-sorted grid over the components.
-#[derive(Debug, Clone, Default)]
-struct Lookup {
-    low: [f32; 3],
-    cell_m: f32,
-    cells: [usize; 3],
-    starts: Vec<u32>,
-    order: Vec<u32>,
-}
-
-impl Lookup {
-    fn fill(&mut self, positions_m: &[[f32; 3]], cell_m: f32) {
-        let (low, high) = bounds(positions_m);
-        let extent = (0..3).map(|axis| high[axis] - low[axis]).fold(0f32, f32::max);
-        self.low = low;
-        self.cell_m = cell_m.max(extent / (CELLS_MAX - 1) as f32);
-        self.cells = [0, 1, 2].map(|axis| ((high[axis] - low[axis]) / self.cell_m) as usize + 1);
-        self.starts.clear();
-        self.starts.resize(self.cells.iter().product::<usize>() + 1, 0);
-        for position in positions_m {
-            let cell = self.cell(*position);
-            self.starts[cell + 1] += 1;
-        }
-        for cell in 1..self.starts.len() {
-            self.starts[cell] += self.starts[cell - 1];
-        }
-        self.order.clear();
-        self.order.resize(positions_m.len(), 0);
-        // Filling from the back keeps the order within a cell, and `starts` becomes the ends'
-        // mirror: afterwards starts[cell] is the cell's first place.
-        let mut next = self.starts.clone();
-        for (m, position) in positions_m.iter().enumerate() {
-            let cell = self.cell(*position);
-            self.order[next[cell] as usize] = m as u32;
-            next[cell] += 1;
-        }
-    }
-
-    fn cell(&self, p: [f32; 3]) -> usize {
-        let at = |axis: usize| {
-            (((p[axis] - self.low[axis]) / self.cell_m) as usize).min(self.cells[axis] - 1)
-        };
-        (at(0) * self.cells[1] + at(1)) * self.cells[2] + at(2)
-    }
-
-    /// Appends the components within `reach_m` of the box `low … high`, cell by cell.
-    fn near(
-        &self,
-        positions_m: &[[f32; 3]],
-        low: [f32; 3],
-        high: [f32; 3],
-        reach_m: f32,
-        members: &mut Vec<u32>,
-    ) {
-        let range = |axis: usize| -> Option<Range<usize>> {
-            let first = (low[axis] - reach_m - self.low[axis]) / self.cell_m;
-            let last = (high[axis] + reach_m - self.low[axis]) / self.cell_m;
-            if last < 0.0 || first >= self.cells[axis] as f32 {
-                return None;
-            }
-            Some(first.max(0.0) as usize..(last as usize + 1).min(self.cells[axis]))
-        };
-        let (Some(xs), Some(ys), Some(zs)) = (range(0), range(1), range(2)) else { return };
-        for x in xs {
-            for y in ys.clone() {
-                let row = (x * self.cells[1] + y) * self.cells[2];
-                let places = self.starts[row + zs.start]..self.starts[row + zs.end];
-                for m in &self.order[places.start as usize..places.end as usize] {
-                    let p = positions_m[*m as usize];
-                    let outside = [
-                        (low[0] - p[0]).max(p[0] - high[0]).max(0.0),
-                        (low[1] - p[1]).max(p[1] - high[1]).max(0.0),
-                        (low[2] - p[2]).max(p[2] - high[2]).max(0.0),
-                    ];
-                    if norm2(outside) < reach_m * reach_m {
-                        members.push(*m);
-                    }
-                }
+                covered.explained += usize::from(found);
             }
         }
     }
-}
-
-/// Corners of the bounding box; an inverted box for no points.
-pub(crate) fn bounds(points: &[[f32; 3]]) -> ([f32; 3], [f32; 3]) {
-    let mut low = [f32::INFINITY; 3];
-    let mut high = [f32::NEG_INFINITY; 3];
-    for p in points {
-        for axis in 0..3 {
-            low[axis] = low[axis].min(p[axis]);
-            high[axis] = high[axis].max(p[axis]);
-        }
-    }
-    (low, high)
 }
 
 fn sub(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
@@ -394,7 +302,8 @@ mod tests {
         cloud.fill(points.iter().map(|p| (*p, 0)), 0.008);
         let (sigma, uniform) = (0.004f32, 1e6);
         let all_seen = Visibility::new(&sheet);
-        let found = mixture.expect(&cloud, &all_seen, 0.008, sigma, uniform);
+        let asked = Asked { sigma_m: sigma, uniform_per_m3: uniform, thinning: 1 };
+        let found = mixture.expect(&cloud, &all_seen, 0.008, &asked);
 
         let variance = f64::from(sigma).powi(2);
         let constant = uniform * (std::f64::consts::TAU * variance).powf(1.5);

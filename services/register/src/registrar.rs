@@ -3,9 +3,9 @@
 mod marked;
 
 use crate::bias::DepthBias;
+use crate::cloud::Cloud;
 use crate::features::Fusion;
 use crate::first_pose;
-use crate::mixture::Cloud;
 use crate::params::{RegisterConfig, RegisterMode, RegisterParams};
 use crate::score::Score;
 use crate::track::{Termination, TrackReport, Tracker};

@@ -1,6 +1,7 @@
 //! Does a pose explain what is seen?
 
-use crate::mixture::{Cloud, Mixture};
+use crate::cloud::Cloud;
+use crate::mixture::Mixture;
 use crate::outline::Outline;
 
 /// How well a pose and an observation agree.

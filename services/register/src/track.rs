@@ -14,16 +14,18 @@
 //! `../shared/design/register.md`: virtual nodes, a low-rank kernel in (u,v), tempering, the
 //! isometry projection, σ² started warm and floored, the outlier weight estimated.
 
-use crate::basis::{Basis, Corner, corners};
+use crate::basis::{Basis, Corner, Equations, Expand, Reduce, corners};
 use crate::blend::Blender;
+use crate::cloud::{Cloud, bounds};
 use crate::isometry::Isometry;
-use crate::mixture::{Cloud, Mixture, bounds};
+use crate::mixture::{Asked, Mixture};
 use crate::outline::Outline;
 use crate::params::RegisterParams;
 use crate::visibility::Visibility;
 use nalgebra::{DMatrix, DVector};
 use orime_creases::Folds;
 use orime_geometry::{RgbdCamera, SheetGrid};
+use orime_lanes::Width;
 
 /// Why the iterations ended. Running out of them is a result, not an error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -53,6 +55,9 @@ pub struct TrackReport {
     pub strain_mean: f32,
 }
 
+/// Points that are enough while σ exceeds the components' spacing, and most of them left out.
+const THINNED: usize = 500;
+const THINNING_MAX: usize = 4;
 /// Points per component at which a node's confidence is one half.
 const MASS_HALF: f32 = 0.1;
 
@@ -82,6 +87,8 @@ pub(crate) struct Tracker {
     stencil: Vec<[f64; 9]>,
     force: Vec<[f64; 3]>,
     moved: Vec<[f32; 3]>,
+    equations: Equations,
+    width: Width,
 }
 
 impl Tracker {
@@ -107,6 +114,8 @@ impl Tracker {
             stencil: vec![[0.0; 9]; basis.len()],
             force: vec![[0.0; 3]; basis.len()],
             moved: vec![[0.0; 3]; basis.len()],
+            equations: Equations::default(),
+            width: Width::available()[0],
             basis,
             params: params.clone(),
         }
@@ -160,11 +169,18 @@ impl Tracker {
         let mut sigma = (1.5 * self.sigma_next_m).clamp(sigma_min, sigma_max);
         let components_per_m3 = self.components_per_m3(cloud);
         let lambda = (self.params.prediction_error * f64::from(self.side_m)).powi(-2);
+        let spacing_m = self.mixture.spacing_m();
         let tolerance = self.params.move_tolerance as f32 * self.side_m;
         for _ in 0..self.params.iterations_max {
             let uniform = self.outlier_weight / (1.0 - self.outlier_weight) * components_per_m3;
-            let expected =
-                self.mixture.expect(cloud, &self.visibility, self.cell_m(), sigma, uniform);
+            let thinning = if sigma > spacing_m { cloud.points_m.len() / THINNED } else { 1 };
+            let asked = Asked {
+                sigma_m: sigma,
+                uniform_per_m3: uniform,
+                thinning: thinning.clamp(1, THINNING_MAX),
+            };
+            let cell_m = self.cell_m();
+            let expected = self.mixture.expect(cloud, &self.visibility, cell_m, &asked);
             if expected.mass < 1.0 {
                 break; // Fewer than one point explained: there is nothing to move for.
             }
@@ -270,50 +286,24 @@ impl Tracker {
     }
 
     /// Solves the M-step for the mode coefficients, K × 3; `None` if nothing is finite.
-    fn solve(&self, regularisation: f64) -> Option<[DVector<f64>; 3]> {
+    fn solve(&mut self, regularisation: f64) -> Option<[DVector<f64>; 3]> {
         let k = self.basis.eigenvalues.len();
         let temper = self.params.temper;
-        let mut normal = DMatrix::<f64>::zeros(k, k);
-        let mut right = [DVector::zeros(k), DVector::zeros(k), DVector::zeros(k)];
-        let mut spread = vec![0.0; k];
-        for a in 0..self.basis.len() {
-            self.spread(a, &mut spread);
-            let row = self.basis.row(a);
-            for (j, spread) in spread.iter().enumerate() {
-                let column = &mut normal.as_mut_slice()[j * k..(j + 1) * k];
-                for (entry, q) in column[j..].iter_mut().zip(&row[j..]) {
-                    *entry += q * spread;
-                }
-            }
-            for (right, force) in right.iter_mut().zip(self.force[a]) {
-                for (entry, q) in right.iter_mut().zip(row) {
-                    *entry += q * force;
-                }
-            }
-        }
-        normal *= temper;
+        self.equations.reset(k);
+        self.width.run(Reduce {
+            basis: &self.basis,
+            stencil: &self.stencil,
+            force: &self.force,
+            equations: &mut self.equations,
+        });
+        let mut normal = DMatrix::from_column_slice(k, k, &self.equations.normal) * temper;
         for (j, eigenvalue) in self.basis.eigenvalues.iter().enumerate() {
             normal[(j, j)] += regularisation / eigenvalue;
         }
         // Only the lower triangle is filled, and only it is read. λσ²Λ⁻¹ makes it SPD.
         let factor = normal.cholesky()?;
-        Some(right.map(|b| factor.solve(&(b * temper))))
-    }
-
-    /// Row `a` of S·Q, where S is the nine-point stencil.
-    fn spread(&self, a: usize, row: &mut [f64]) {
-        row.fill(0.0);
-        let stride = self.basis.controls[1] as isize;
-        for (place, weight) in self.stencil[a].iter().enumerate() {
-            if *weight == 0.0 {
-                continue;
-            }
-            let (di, dj) = (place as isize / 3 - 1, place as isize % 3 - 1);
-            let b = (a as isize + di * stride + dj) as usize;
-            for (entry, q) in row.iter_mut().zip(self.basis.row(b)) {
-                *entry += weight * q;
-            }
-        }
+        let right = self.equations.right.each_ref();
+        Some(right.map(|b| factor.solve(&(DVector::from_column_slice(b) * temper))))
     }
 
     /// Moves the nodes and the mixture; returns the largest move of a node, metres.
@@ -323,11 +313,7 @@ impl Tracker {
         predicted: &[[f32; 3]],
         nodes_m: &mut [[f32; 3]],
     ) -> f32 {
-        for a in 0..self.basis.len() {
-            let row = self.basis.row(a);
-            self.moved[a] = [0, 1, 2]
-                .map(|axis| modes[axis].iter().zip(row).map(|(c, q)| c * q).sum::<f64>() as f32);
-        }
+        self.width.run(Expand { basis: &self.basis, modes, moved: &mut self.moved });
         let before = nodes_m.to_vec();
         for ((node, corner), start) in nodes_m.iter_mut().zip(&self.node_corners).zip(predicted) {
             let offset = corner.interpolate(&self.moved, self.basis.controls[1]);

@@ -69,7 +69,7 @@ pub struct RegisterParams {
     /// Default 10.
     pub isometry_sweeps: u32,
     /// How strongly the sheet is straightened between creases, 0 to 1: paper resists bending,
-    /// cloth (0) hardly does; large values hide new creases. Default 0.4.
+    /// cloth (0) hardly does; large values hide new creases. Default 0.2.
     pub flatness: f64,
     /// Most points used of a cloud; more are thinned evenly. Default 2000.
     pub points_max: usize,
@@ -111,7 +111,7 @@ impl Default for RegisterParams {
             control_spacing: 0.083,
             modes_max: 80,
             isometry_sweeps: 10,
-            flatness: 0.4,
+            flatness: 0.2,
             points_max: 2000,
             points_min: 60,
             outline_weight: 1.0,

@@ -243,8 +243,13 @@ impl Folds {
         for (f, pose_f) in poses.iter().enumerate() {
             for (g, pose_g) in poses.iter().enumerate() {
                 let height_m = (pose_f.center_m - pose_g.center_m).dot(&pose_g.normal);
-                if f != g && height_m.abs() > ORDER_APART_M {
-                    self.order[f][g] = if height_m > 0.0 { 1 } else { -1 };
+                if f == g || height_m.abs() <= ORDER_APART_M {
+                    continue;
+                }
+                let side = if height_m > 0.0 { 1 } else { -1 };
+                // What lies over a facet cannot come to its other side: it would pass through.
+                if self.order[f][g] != -side || !self.is_over(f, g, pose_g, positions_m) {
+                    self.order[f][g] = side;
                 }
             }
         }
@@ -260,6 +265,15 @@ impl Folds {
             let turn = if wrapped { -std::f64::consts::TAU * angle_rad.signum() } else { 0.0 };
             crease.angle_rad = angle_rad + turn;
         }
+    }
+
+    /// Whether a part of facet `f` lies over or under facet `g`, whose pose is known.
+    fn is_over(&self, f: usize, g: usize, pose: &FacetFrame, positions_m: &[[f32; 3]]) -> bool {
+        let [h_u, h_v] = self.sheet.spacing_m();
+        self.members[f].iter().any(|node| {
+            let uv_m = pose.uv_of(positions_m[*node as usize]);
+            self.facets[g].inside_m(uv_m) > h_u.min(h_v)
+        })
     }
 
     /// The rigid pose that fits a facet's nodes best.

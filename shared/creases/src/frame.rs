@@ -69,6 +69,12 @@ impl FacetFrame {
             + self.u * (uv_m[0] - self.center_uv_m[0])
             + self.v * (uv_m[1] - self.center_uv_m[1])
     }
+
+    /// The material point right below or above a position (world frame, metres).
+    pub fn uv_of(&self, position_m: [f32; 3]) -> [f64; 2] {
+        let d = Vector3::from(position_m.map(f64::from)) - self.center_m.coords;
+        [self.center_uv_m[0] + d.dot(&self.u), self.center_uv_m[1] + d.dot(&self.v)]
+    }
 }
 
 /// The nearest pair of orthonormal vectors to (a, b), and the sum of the singular values; `None`

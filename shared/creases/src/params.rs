@@ -33,10 +33,11 @@ pub struct CreaseParams {
     /// Log-likelihood ratio by which a narrow bend must beat wide and smooth ones, summed over
     /// steps. Higher values are surer and later. Default 7.
     pub evidence: f64,
-    /// Bends narrower than this many spacings count as creases. Default 2.5.
+    /// Bends narrower than this many spacings count as creases. Default 3.5.
     pub bend_width: f64,
     /// Ends of a crease that lie nearer than this many spacings to a landmark (corner or middle of
-    /// a facet's side, end of another crease) are put there; 0 snaps nothing. Default 0.
+    /// a facet's side, end of another crease), or as near as they are known, are put there; 0 snaps
+    /// nothing. Default 0.3.
     pub snap: f64,
     /// Most facets, 1 to 32. Default 32.
     pub facets_max: usize,
@@ -105,8 +106,8 @@ impl Default for CreaseParams {
             angle_min_deg: 12.0,
             hits: 2,
             evidence: 7.0,
-            bend_width: 2.5,
-            snap: 0.0,
+            bend_width: 3.5,
+            snap: 0.3,
             facets_max: FACETS_MAX,
             plan: Vec::new(),
             paper: PaperParams::default(),

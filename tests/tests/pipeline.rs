@@ -49,6 +49,29 @@ fn the_embedded_set_tracks_its_fold_and_repeats_in_one_process() {
 }
 
 #[test]
+fn grippers_reach_the_simulator_of_both_alike_and_the_scene_decides() {
+    let scratch = Scratch::new("grippers");
+    let scene = |effects: &str| {
+        format!(
+            "[capture]\nsource = \"rendered\"\nfps = 0\n[capture.rendered]\nsteps = 40\n\
+             gripper_poses = true\n[simulate]\neffects = [{effects}\"stretch\", \"shear\", \
+             \"bend\", \"damping\", \"air_drag\", \"facets\", \"track\", \"self_contact\"]\n"
+        )
+    };
+    let hashes = ["\"grippers\", ", ""].map(|named| {
+        let (set, json) = (scratch.path("set.toml"), scratch.path("out.json"));
+        fs::write(&set, scene(named)).unwrap();
+        let (_, judged) = track("grippers-set", Some(&set));
+        let output = run("orime-evaluate", &["track", &set, "--json", &json]);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let tracked: Value = serde_json::from_str(&fs::read_to_string(json).unwrap()).unwrap();
+        assert_eq!(tracked["states_hash"], judged["states_hash"], "with {named:?}");
+        judged["states_hash"].to_string()
+    });
+    assert_ne!(hashes[0], hashes[1], "a gripper that is named holds the sheet");
+}
+
+#[test]
 fn the_real_desk_is_tracked() {
     if recordings("the_real_desk_is_tracked").is_none() {
         return;

@@ -122,29 +122,30 @@ impl Capture {
     /// consumers did not take it for long after that.
     fn publish_set(&mut self, step: u64) -> anyhow::Result<bool> {
         let n_cameras = self.source.cameras().len();
+        let exposure_ns = self.source.exposure_ns(step, 0);
+        // First, so that whoever has something that was made of the frames has the grippers too.
+        if !self.publish_grippers(&Header { step, exposure_ns, ..self.header })? {
+            return Ok(false);
+        }
         for camera in 0..n_cameras {
             if !self.publish_frame(step, camera, n_cameras)? {
                 return Ok(false);
             }
         }
-        let lineage = Header {
-            step,
-            exposure_ns: self.source.exposure_ns(step, 0),
-            arrival_ns: now_ns(),
-            ..self.header
-        };
+        let lineage = Header { step, exposure_ns, arrival_ns: now_ns(), ..self.header };
         let (source, sheet) = (&self.source, &self.sheet);
         let sent = self.truths.send_with(&lineage, |truth| {
             let nodes_m = &mut truth.positions_m[..sheet.len()];
             let known = source.truth_m(step, sheet, nodes_m);
             truth.n_nodes = if known { sheet.len() as u32 } else { 0 };
         })?;
-        Ok(sent.is_some() && self.publish_grippers(&lineage)?)
+        Ok(sent.is_some())
     }
 
     /// Publishes which grippers hold the sheet; one message a step, also while none does.
     fn publish_grippers(&mut self, lineage: &Header) -> anyhow::Result<bool> {
         let Some(publisher) = &mut self.grippers else { return Ok(true) };
+        let lineage = &Header { arrival_ns: now_ns(), ..*lineage };
         self.source.grippers(lineage.step, &mut self.held);
         let held = &self.held;
         let sent = publisher.send_with(lineage, |message| {

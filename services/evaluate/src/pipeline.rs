@@ -1,13 +1,13 @@
 //! The four stages in one process, in lockstep: what the service set computes, without processes.
 
-use orime_capture::FrameSource;
+use orime_capture::{FrameSource, Gripper};
 use orime_creases::Folds;
 use orime_geometry::{
     Edgel, Feature, ObservedPoint, RgbdCamera, RgbdFrame, RgbdFrameMut, SheetGrid,
 };
 use orime_register::{Observation, RegisterConfig, RegisterReport, Registrar, Tracking};
 use orime_segment::{ObservedMut, SegmentConfig, SegmentReport, Segmenter};
-use orime_simulate::{ModelReport, SheetModel, SimulateConfig};
+use orime_simulate::{Grip, ModelReport, SheetModel, SimulateConfig};
 use std::time::Instant;
 
 use crate::summary::StageMs;
@@ -56,6 +56,8 @@ pub struct Pipeline {
     report: SegmentReport,
     targets_m: Vec<[f32; 3]>,
     confidence: Vec<f32>,
+    held: Vec<Gripper>,
+    grips: Vec<Grip>,
     truth_m: Vec<[f32; 3]>,
     has_truth: bool,
     has_pose: bool,
@@ -110,6 +112,8 @@ impl Pipeline {
             report: SegmentReport::default(),
             targets_m: vec![[0.0; 3]; sheet.len()],
             confidence: vec![0.0; sheet.len()],
+            held: Vec::new(),
+            grips: Vec::new(),
             truth_m: vec![[0.0; 3]; sheet.len()],
             has_truth: false,
             has_pose: false,
@@ -146,6 +150,7 @@ impl Pipeline {
             buffer.is_good = read.is_ok();
             errors.extend(read.err().map(|error| error.to_string()));
         }
+        self.source.grippers(step, &mut self.held);
         self.has_truth = self.source.truth_m(step, &self.sheet, &mut self.truth_m);
         errors
     }
@@ -185,6 +190,13 @@ impl Pipeline {
         let exposure_ns = self.source.exposure_ns(step, 0);
         let dt_s = orime_simulate::frame_s(self.exposure_before_ns, exposure_ns);
         self.exposure_before_ns = Some(exposure_ns);
+        let grip = |gripper: &Gripper| Grip {
+            uv_m: gripper.uv_m,
+            position_m: gripper.world_from_gripper.translation.vector.into(),
+        };
+        self.grips.clear();
+        self.grips.extend(self.held.iter().map(grip));
+        self.model.set_grips(&self.grips);
         self.has_pose |= register.reset;
         if self.has_pose {
             let (targets_m, confidence) = (&self.targets_m, &self.confidence);

@@ -23,7 +23,7 @@ fn hung(effects: &[Effect], nodes: usize, substeps: u32) -> (Simulator, SheetGri
         substeps,
         substep_motion_m: 0.0,
         effects: effects.to_vec(),
-        bend: BendParams { reach: 4, compliance_m_per_n: 0.0 },
+        bend: BendParams { reach: 4, compliance_m_per_n: 0.0, ..BendParams::default() },
         track: TrackParams { frequency_hz: 10_000.0, acceleration_max_m_per_s2: 1e6 },
         air_drag: AirDragParams { per_s: 3.0 },
         ..SimulateParams::default()
@@ -82,7 +82,10 @@ fn strain_max(x: &[[f32; 3]], sheet: &SheetGrid) -> f64 {
 fn backends() {
     println!("backends, {SUBSTEPS} substeps; least of some frames, ms");
     let config = |nodes: usize, backend: Backend| {
-        let (effects, bend) = (LINKS.to_vec(), BendParams { reach: 4, compliance_m_per_n: 0.0 });
+        let (effects, bend) = (
+            LINKS.to_vec(),
+            BendParams { reach: 4, compliance_m_per_n: 0.0, ..BendParams::default() },
+        );
         let params =
             SimulateParams { backend, effects, bend, substep_motion_m: 0.0, ..Default::default() };
         let sheet = SheetGrid::new([0.21, 0.21], [nodes, nodes]);
@@ -133,7 +136,7 @@ fn frames(arguments: &[String]) {
     let number = |k: usize| arguments.get(k).and_then(|n| n.parse().ok()).unwrap_or(25);
     let mut params = SimulateParams {
         effects: vec![Effect::Stretch, Effect::Shear, Effect::Bend, Effect::Track],
-        bend: BendParams { reach: 4, compliance_m_per_n: 0.0 },
+        bend: BendParams { reach: 4, compliance_m_per_n: 0.0, ..BendParams::default() },
         air_drag: AirDragParams { per_s: 0.0 },
         ..SimulateParams::default()
     };

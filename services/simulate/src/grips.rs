@@ -1,8 +1,10 @@
 //! Material points that are held.
 
+use crate::params::SimulateConfig;
 use orime_creases::Folds;
 use orime_geometry::SheetGrid;
 use orime_lanes::{Field, Layout};
+use std::collections::VecDeque;
 
 /// A material point that a gripper holds.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -11,6 +13,43 @@ pub struct Grip {
     pub uv_m: [f64; 2],
     /// Where it is held, world frame, metres.
     pub position_m: [f64; 3],
+}
+
+/// What was said of the grippers around an instant.
+///
+/// Word of them may be late, rare or missing, and comes in any order with the targets: what was
+/// said nearest to an instant counts, unless that is too long before or after it.
+#[derive(Debug, Clone)]
+pub struct GripLog {
+    age_max_ns: u64,
+    said: VecDeque<(u64, Vec<Grip>)>,
+}
+
+/// Most words on grippers that are kept; a capture that runs ahead has sixteen on their way.
+const SAID_MAX: usize = 32;
+
+impl GripLog {
+    /// Nothing was said. Beyond `grippers.age_max_s` nothing counts.
+    pub fn new(config: &SimulateConfig) -> Self {
+        let age_max_ns = (config.params.grippers.age_max_s * 1e9) as u64;
+        Self { age_max_ns, said: VecDeque::with_capacity(SAID_MAX) }
+    }
+
+    /// Notes what holds the sheet at an instant; the oldest word goes where there are many.
+    pub fn note(&mut self, at_ns: u64, grips: impl Iterator<Item = Grip>) {
+        let full = self.said.len() >= SAID_MAX;
+        let mut room = full.then(|| self.said.pop_front()).flatten().unwrap_or_default().1;
+        room.clear();
+        room.extend(grips);
+        self.said.push_back((at_ns, room));
+    }
+
+    /// What holds the sheet at an instant; nothing, where nothing was said of it.
+    pub fn at(&self, at_ns: u64) -> &[Grip] {
+        let nearest = self.said.iter().min_by_key(|(said_ns, _)| said_ns.abs_diff(at_ns));
+        let fresh = nearest.filter(|(said_ns, _)| said_ns.abs_diff(at_ns) <= self.age_max_ns);
+        fresh.map_or(&[], |(_, grips)| grips)
+    }
 }
 
 /// A material point as a mean of nodes that all lie in one facet.
@@ -59,6 +98,15 @@ impl Anchor {
         Some(Self { places, weights: weights.map(|w| w as f32), position_m })
     }
 
+    /// Where the nodes have the point, metres.
+    pub fn held_m(&self, x: &[Field; 3]) -> [f32; 3] {
+        let held = |x: &Field| {
+            let each = self.places.iter().zip(self.weights);
+            each.map(|(place, weight)| weight * x.rows()[*place as usize]).sum()
+        };
+        x.each_ref().map(held)
+    }
+
     /// Moves the nodes by that share of the way, each in proportion to its weight; nodes without
     /// inverse mass stay.
     pub fn pull(&self, x: &mut [Field; 3], masses: Option<&Field>, strength: f32) {
@@ -68,10 +116,10 @@ impl Anchor {
         if sum <= 0.0 {
             return;
         }
-        for (x, position_m) in x.iter_mut().zip(self.position_m) {
+        let held_m = self.held_m(x);
+        for (axis, x) in x.iter_mut().enumerate() {
             let x = x.rows_mut();
-            let held: f32 = places.iter().zip(self.weights).map(|(n, w)| w * x[*n]).sum();
-            let way = strength * (position_m - held) / sum;
+            let way = strength * (self.position_m[axis] - held_m[axis]) / sum;
             for k in 0..4 {
                 x[places[k]] += mobility[k] * self.weights[k] * way;
             }
@@ -98,6 +146,7 @@ fn cell(sheet: &SheetGrid, uv_m: [f64; 2]) -> Option<([usize; 2], [f64; 2])> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::SimulateParams;
     use crate::solver::links::facets_of_place;
     use orime_creases::Line;
     use orime_lanes::scatter;
@@ -133,6 +182,24 @@ mod tests {
         for off in [[-0.01, 0.1], [0.1, 0.16], [f64::NAN, 0.1]] {
             assert_eq!(Anchor::new(&grip(off), &folds, &facets, [0.0; 3]), None);
         }
+    }
+
+    #[test]
+    fn the_nearest_word_counts_unless_it_is_stale() {
+        let mut log = GripLog::new(&SimulateParams::default().check().unwrap());
+        assert!(log.at(0).is_empty());
+        for step in 1..100u64 {
+            log.note(step * 10_000_000, [grip([step as f64, 0.0])].into_iter());
+        }
+        let at = |log: &GripLog, ms: u64| log.at(ms * 1_000_000).first().map(|g| g.uv_m[0]);
+        assert_eq!(at(&log, 800), Some(80.0));
+        assert_eq!(at(&log, 804), Some(80.0));
+        assert_eq!(at(&log, 806), Some(81.0));
+        // 0.05 s: the default of `grippers.age_max_s`.
+        assert_eq!([1040, 1041].map(|ms| at(&log, ms)), [Some(99.0), None]);
+        assert_eq!([630, 629].map(|ms| at(&log, ms)), [Some(68.0), None]);
+        log.note(1_100_000_000, std::iter::empty());
+        assert_eq!(at(&log, 1100), None, "it was let go");
     }
 
     #[test]

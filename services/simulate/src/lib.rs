@@ -20,12 +20,12 @@ pub use contact::{ContactPass, Part};
 pub use effect::{Effect, Effects};
 #[cfg(feature = "gpu")]
 pub use gpu::{GpuError, Path};
-pub use grips::Grip;
+pub use grips::{Grip, GripLog};
 pub use model::{ModelReport, SheetModel};
 pub use params::{
-    AirDragParams, Backend, BendParams, ComplianceParams, CreaseKind, CreaseParams, DampingKind,
-    DampingParams, FacetsParams, GravityParams, GrippersParams, PredictParams, SimulateConfig,
-    SimulateParams, TableParams, TrackParams,
+    AirDragParams, Backend, BendKind, BendParams, ComplianceParams, CreaseKind, CreaseParams,
+    DampingKind, DampingParams, FacetsParams, GravityParams, GrippersParams, PredictParams,
+    SimulateConfig, SimulateParams, TableParams, TrackParams,
 };
 #[cfg(feature = "gpu")]
 pub use simulator::Chosen;

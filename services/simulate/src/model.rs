@@ -7,6 +7,7 @@
 //! ```
 
 use crate::effect::Effect;
+use crate::grips::Grip;
 use crate::params::SimulateConfig;
 use crate::simulator::{SimulateReport, Simulator};
 use orime_contact::{ContactReport, FacetContact};
@@ -104,6 +105,11 @@ impl SheetModel {
             contact.project(&mut self.predicted_m, self.simulator.folds());
         }
         report
+    }
+
+    /// What holds the sheet from now on, see [`Simulator::set_grips`].
+    pub fn set_grips(&mut self, grips: &[Grip]) {
+        self.simulator.set_grips(grips);
     }
 
     /// The simulator, to be set up before the first step.

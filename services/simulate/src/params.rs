@@ -81,12 +81,29 @@ pub struct ComplianceParams {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct BendParams {
-    /// Skip links reach nodes 2 … `reach` grid steps away, along the axes and the diagonals.
+    /// What resists. Default `links`.
+    pub kind: BendKind,
+    /// Links: skip links reach nodes 2 … `reach` grid steps away, along the axes and the diagonals.
     /// Default 2.
     pub reach: u32,
-    /// Compliance of the skip links, m/N: how willingly the sheet bends. Small values keep it
-    /// smooth and make it refuse a sharp fold. Default 100.
+    /// Links: their compliance, m/N: how willingly the sheet bends. Small values keep it smooth
+    /// and make it refuse a sharp fold. Default 100.
     pub compliance_m_per_n: f64,
+    /// Hinge: flexural rigidity, N·m, whatever the grid's spacing. Copy paper has 2e-4 to 5e-4,
+    /// cloth 1e-6 to 1e-5. Default 0.0002.
+    pub rigidity_n_m: f64,
+}
+
+/// What resists bending.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum BendKind {
+    /// The paper's: skip links to nodes some steps away, which a bend would shorten.
+    #[default]
+    Links,
+    /// Hinges between neighbouring cells and the cells' twist, as in a thin plate that rests flat.
+    /// On the CPU only.
+    Hinge,
 }
 
 /// `[simulate.damping]`.
@@ -200,6 +217,9 @@ pub struct GrippersParams {
     /// Share of the way to where it is held that a grasped point goes in a substep. 1 follows the
     /// gripper exactly, its errors included. Default 0.8.
     pub strength: f64,
+    /// How long before or after the targets' exposure a gripper's pose may be to count, s. Default
+    /// 0.05.
+    pub age_max_s: f64,
 }
 
 /// `[simulate.track]`.
@@ -267,7 +287,7 @@ impl Default for SimulateParams {
 
 impl Default for BendParams {
     fn default() -> Self {
-        Self { reach: 2, compliance_m_per_n: 100.0 }
+        Self { kind: BendKind::Links, reach: 2, compliance_m_per_n: 100.0, rigidity_n_m: 2e-4 }
     }
 }
 
@@ -309,7 +329,7 @@ impl Default for FacetsParams {
 
 impl Default for GrippersParams {
     fn default() -> Self {
-        Self { strength: 0.8 }
+        Self { strength: 0.8, age_max_s: 0.05 }
     }
 }
 
@@ -332,6 +352,7 @@ impl SimulateParams {
         self.effects.iter().copied().find(|effect| match effect {
             Effect::Crease => true,
             Effect::Damping => paper,
+            Effect::Bend => self.bend.kind == BendKind::Hinge,
             _ => false,
         })
     }
@@ -372,6 +393,7 @@ impl SimulateParams {
         within("shear.compliance_m_per_n", shear.compliance_m_per_n, 0.0, 1e6, "m/N");
         within("bend.reach", f64::from(bend.reach), 2.0, 4.0, "grid steps");
         within("bend.compliance_m_per_n", bend.compliance_m_per_n, 0.0, 1e6, "m/N");
+        within("bend.rigidity_n_m", bend.rigidity_n_m, 0.0, 100.0, "N·m");
         within("substep_motion_m", *substep_motion_m, 0.0, 1.0, "m");
         within("crease.yield_rad", crease.yield_rad, 0.0, 4.0, "rad");
         within("crease.hardening", crease.hardening, 0.0, 10.0, "");
@@ -386,6 +408,7 @@ impl SimulateParams {
         within("facets.strength", facets.strength, 0.0, 1.0, "");
         within("facets.bend_tolerance", facets.bend_tolerance, 1e-5, 1.0, "");
         within("grippers.strength", grippers.strength, 0.0, 1.0, "");
+        within("grippers.age_max_s", grippers.age_max_s, 0.0, 1.0, "s");
         within("track.frequency_hz", track.frequency_hz, 0.1, 10_000.0, "Hz");
         let acceleration = track.acceleration_max_m_per_s2;
         within("track.acceleration_max_m_per_s2", acceleration, 0.1, 1e6, "m/s²");

@@ -1,11 +1,15 @@
 //! simulate as a process: advances the sheet by each set of targets and publishes its state.
+//!
+//! Grippers are looked at when targets come, and never waited for: in lockstep capture has sent
+//! theirs before the frames that the targets were made of.
 
 use orime_geometry::{SheetGrid, SheetParams};
-use orime_messages::{FoldsMeta, Header, SheetState, Targets};
+use orime_messages::{FoldsMeta, GripperMeta, Grippers, Header, SheetState, Targets};
 use orime_runtime::{
-    Pace, Publisher, Received, Recorder, Resume, Service, Subscription, Work, channel, now_ns,
+    Aside, Pace, Publisher, Received, Recorder, Resume, Service, Subscription, Work, channel,
+    now_ns,
 };
-use orime_simulate::{SheetModel, SimulateParams, Simulator, frame_s};
+use orime_simulate::{Effect, Grip, GripLog, SheetModel, SimulateParams, Simulator, frame_s};
 
 /// Number of a sheet that is followed, as register says it.
 const TRACKING: u32 = 1;
@@ -18,6 +22,8 @@ pub struct Simulate {
     sheet: SheetGrid,
     pace: Pace,
     targets: Subscription<Targets>,
+    /// Only where the scene names them.
+    grippers: Option<(Aside<Grippers>, GripLog)>,
     states: Publisher<SheetState>,
     recorder: Recorder,
     header: Header,
@@ -35,6 +41,9 @@ impl Simulate {
     /// Opens this stage's channels and says that it is ready.
     pub fn open(service: &Service) -> anyhow::Result<Self> {
         let config = service.config("simulate", SimulateParams::check)?;
+        let simulate: SimulateParams = service.section("simulate")?;
+        let listens = simulate.effects.contains(&Effect::Grippers);
+        let grippers = listens.then(|| service.aside(&channel::GRIPPER)).transpose()?;
         let params: SheetParams = service.section("sheet")?;
         let sheet = service.config("sheet", SheetParams::check)?;
         let rest_m = orime_recording::template::load(&params, &sheet)?;
@@ -45,6 +54,7 @@ impl Simulate {
             model,
             pace: service.set().pace,
             targets: service.subscribe(&channel::TARGETS)?,
+            grippers: grippers.map(|grippers| (grippers, GripLog::new(&config))),
             states: service.publish(&channel::STATE)?,
             recorder: service.recorder()?,
             header: service.header(),
@@ -108,10 +118,28 @@ impl Simulate {
         })
     }
 
+    /// Takes over what holds the sheet at an instant.
+    fn hear_grippers(&mut self, exposure_ns: u64) -> anyhow::Result<()> {
+        let Some((grippers, log)) = &mut self.grippers else { return Ok(()) };
+        while let Some(message) = grippers.try_next()? {
+            let holding = message.grippers().iter().filter(|gripper| gripper.is_holding == 1);
+            let grip = |gripper: &GripperMeta| Grip {
+                uv_m: gripper.grasped_uv_m,
+                position_m: gripper.world_from_gripper.translation_m,
+            };
+            if !message.header.is_end() {
+                log.note(message.header.exposure_ns, holding.map(grip));
+            }
+        }
+        self.model.set_grips(log.at(exposure_ns));
+        Ok(())
+    }
+
     /// Publishes the state after one set of targets; `false` if asked to stop while waiting.
     fn publish_state(&mut self, targets: &Received<Targets>) -> anyhow::Result<bool> {
         let dt_s = frame_s(self.exposure_before_ns, targets.header.exposure_ns);
         self.exposure_before_ns = Some(targets.header.exposure_ns);
+        self.hear_grippers(targets.header.exposure_ns)?;
         // Targets of a sheet that is followed are a pose, where there is none to move towards it.
         let is_pose = targets.figures.tracking == TRACKING;
         let reset = targets.figures.reset != 0 || (self.takes_over && is_pose);

@@ -3,18 +3,20 @@
 mod batch;
 #[cfg(feature = "gpu")]
 mod graphics;
+mod hold;
 mod prediction;
 mod rest;
 
 use crate::contact::{ContactPass, Part};
 use crate::effect::{Effect, Effects};
-use crate::grips::{Anchor, Grip};
+use crate::grips::Grip;
 use crate::params::{SimulateConfig, SimulateParams};
-use crate::solver::links::facets_of_place;
-use crate::solver::{Hooks, Rates, Solver, Targets};
+use crate::solver::links::{Colour, facets_of_place};
+use crate::solver::{Hooks, Rates, Solver, Stencils, Targets};
 pub use batch::Batch;
 #[cfg(feature = "gpu")]
 pub use graphics::Chosen;
+pub use hold::GRIPS_MAX;
 use orime_creases::Folds;
 use orime_geometry::SheetGrid;
 use prediction::Prediction;
@@ -39,8 +41,6 @@ pub const FRAME_S_MAX: f64 = 0.1;
 pub const FRAME_S_MIN: f64 = 1e-4;
 /// Length of a frame before any period is known, seconds.
 pub const FRAME_S_NOMINAL: f64 = 1.0 / 30.0;
-/// Most grippers that hold a sheet at a time.
-pub const GRIPS_MAX: usize = 16;
 /// The origin follows when the sheet's middle is further away than this, metres.
 const ORIGIN_APART_M: f32 = 0.25;
 /// Most times as many substeps as set that a frame with much motion gets.
@@ -89,6 +89,8 @@ pub struct Simulator {
     /// Smoothed motion from frame to frame, m/s.
     motion_m_per_s: Vec<[f32; 3]>,
     world: Vec<[f32; 3]>,
+    /// What holds the sheet.
+    grips: Vec<Grip>,
     rest: Rest,
     /// Usual length of a frame, seconds; 0 before the first.
     period_s: f64,
@@ -119,6 +121,7 @@ impl Simulator {
             facets_of_place: facets_of_place(solver.layout, &folds),
             origin_m: [0.0; 3],
             motion_m_per_s: vec![[0.0; 3]; world.len()],
+            grips: Vec::new(),
             rest: Rest::default(),
             period_s: 0.0,
             prediction: None,
@@ -164,20 +167,9 @@ impl Simulator {
         }
         self.facets_of_place = facets_of_place(self.solver.layout, folds);
         self.solver.set_folds(&self.folds, true);
+        self.renew_anchors();
         #[cfg(feature = "gpu")]
         self.renew_graphics();
-        self.rest.wake();
-    }
-
-    /// The points that are held from now on, at most [`GRIPS_MAX`]; a point that is off the sheet
-    /// or not finite is left out. Nothing holds the sheet unless `grippers` is among the effects.
-    pub fn set_grips(&mut self, grips: &[Grip]) {
-        self.solver.anchors.clear();
-        if self.has(Effect::Grippers) {
-            let anchor =
-                |grip| Anchor::new(grip, &self.folds, &self.facets_of_place, self.origin_m);
-            self.solver.anchors.extend(grips.iter().filter_map(anchor).take(GRIPS_MAX));
-        }
         self.rest.wake();
     }
 
@@ -248,10 +240,12 @@ impl Simulator {
         &self.world
     }
 
-    /// Links of an effect and their colours; none for what is no link.
+    /// Links, or hinges and twists, of an effect and their colours; none for what is neither.
     pub fn links(&self, effect: Effect) -> [usize; 2] {
         let colours = self.solver.colours.iter().filter(|colour| colour.effect == effect);
-        colours.fold([0, 0], |[links, n], colour| [links + colour.count(), n + 1])
+        let plate = self.solver.plate.iter().filter(|_| effect == Effect::Bend);
+        let counts = colours.map(Colour::count).chain(plate.map(Stencils::count));
+        counts.fold([0, 0], |[links, n], count| [links + count, n + 1])
     }
 
     /// Bytes that an effect takes; `None` for the nodes themselves.
@@ -280,10 +274,7 @@ impl Simulator {
             }
             *world = *x;
         }
-        for anchor in &mut self.solver.anchors {
-            let at = &mut anchor.position_m;
-            *at = [0, 1, 2].map(|axis| at[axis] + before[axis] - origin_m[axis]);
-        }
+        self.shift_anchors([0, 1, 2].map(|axis| origin_m[axis] - before[axis]));
         for v in &mut self.solver.v {
             v.rows_mut().fill(0.0);
         }
@@ -299,16 +290,16 @@ impl Simulator {
     /// 1/64 m, and the positions become smaller.
     fn recenter(&mut self) {
         let middle = self.solver.layout.place(self.world.len() / 2);
+        let mut shifts_m = [0.0; 3];
         for (axis, x) in self.solver.x.iter_mut().enumerate() {
             let shift_m = (x.rows()[middle] * 64.0).trunc() / 64.0;
             if shift_m.abs() > ORIGIN_APART_M {
                 x.rows_mut().iter_mut().for_each(|x| *x -= shift_m);
                 self.origin_m[axis] += shift_m;
-                for anchor in &mut self.solver.anchors {
-                    anchor.position_m[axis] -= shift_m;
-                }
+                shifts_m[axis] = shift_m;
             }
         }
+        self.shift_anchors(shifts_m);
     }
 
     fn accept_targets(&mut self, pulls: Pulls<'_>, report: &mut SimulateReport) {

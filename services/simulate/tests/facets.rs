@@ -217,6 +217,27 @@ fn a_gripper_carries_the_sheet_and_only_while_it_holds() {
 }
 
 #[test]
+fn a_prediction_goes_on_with_the_gripper() {
+    let mut simulator = simulator(&SimulateParams::default());
+    let free = vec![0.0; sheet().len()];
+    simulator.step(FRAME_S, &sheet().flat_m(), &free, true);
+    let held_m = |frame: u32| [-0.075, 0.0, 0.002 * f64::from(frame)];
+    for frame in 1..=30 {
+        simulator.set_grips(&[Grip { uv_m: [0.0, 0.075], position_m: held_m(frame) }]);
+        simulator.step(FRAME_S, &sheet().flat_m(), &free, false);
+    }
+    let node = sheet().index(0, 12);
+    let before = simulator.positions_m().to_vec();
+    let ahead_m = f64::from(simulator.predict(FRAME_S)[node][2]) - held_m(30)[2];
+    assert!(0.001 < ahead_m && ahead_m < 0.002, "{ahead_m} m of the gripper's 0.002 m");
+    assert_eq!(simulator.positions_m(), before);
+    // The gripper itself is where it was said to be.
+    simulator.step(FRAME_S, &sheet().flat_m(), &free, false);
+    let z_m = f64::from(simulator.positions_m()[node][2]);
+    assert!((z_m - held_m(30)[2]).abs() < 5e-4, "{z_m} m");
+}
+
+#[test]
 fn the_table_stops_what_falls_on_it_and_friction_what_slides() {
     let slide_m = |friction: f64| {
         let mut params = SimulateParams {

@@ -64,7 +64,7 @@ fn case_2_nodes_in_one_place_part_again() {
 #[test]
 fn case_3_masses_may_differ_a_millionfold() {
     let mut params = with(&[LINKS.as_slice(), &[Effect::Gravity, Effect::AirDrag]].concat());
-    params.bend = BendParams { reach: 4, compliance_m_per_n: 0.0 };
+    params.bend = BendParams { reach: 4, compliance_m_per_n: 0.0, ..BendParams::default() };
     let mut simulator = simulator(&params);
     let mut masses: Vec<f32> = (0..sheet().len()).map(|n| [1.0, 1e-6][n % 2]).collect();
     (masses[0], masses[24]) = (0.0, 0.0);
@@ -393,7 +393,7 @@ fn the_paper_s_plasticity_keeps_a_fold_and_elastic_links_do_not() {
     let paper = |yield_strain: f64| {
         let crease = CreaseParams { kind: CreaseKind::Paper, yield_strain, ..Default::default() };
         let mut params = SimulateParams { crease, ..SimulateParams::default() };
-        params.bend = BendParams { reach: 4, compliance_m_per_n: 0.01 };
+        params.bend = BendParams { reach: 4, compliance_m_per_n: 0.01, ..BendParams::default() };
         params.air_drag.per_s = 1.0;
         params.effects.retain(|effect| *effect != Effect::Facets);
         params.effects.push(Effect::Crease);

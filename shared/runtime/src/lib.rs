@@ -48,4 +48,4 @@ pub use service::{
 };
 pub use set_file::{DATA_VARIABLE, SECTIONS, SetError, SetFile, data_dir, expand};
 pub use stop::{Stop, die_with_parent};
-pub use subscribe::{FrameSubscription, Received, ReceivedFrame, Subscription};
+pub use subscribe::{Aside, FrameSubscription, Received, ReceivedFrame, Subscription};

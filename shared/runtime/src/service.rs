@@ -19,7 +19,7 @@ use crate::resume::Resume;
 use crate::run::RunId;
 use crate::set_file::SetFile;
 use crate::stop::{Stop, die_with_parent};
-use crate::subscribe::{FrameSubscription, Subscription};
+use crate::subscribe::{Aside, FrameSubscription, Subscription};
 
 /// Environment variable: the run's id, by the supervisor.
 pub const RUN_VARIABLE: &str = "ORIME_RUN";
@@ -135,6 +135,11 @@ impl Service {
         channel: &Channel<M>,
     ) -> Result<Subscription<M>, RuntimeError> {
         self.link.subscribe(channel)
+    }
+
+    /// Looks at a channel beside another one.
+    pub fn aside<M: Message>(&self, channel: &Channel<M>) -> Result<Aside<M>, RuntimeError> {
+        Aside::new(&self.link, channel)
     }
 
     /// Publishes on a channel.

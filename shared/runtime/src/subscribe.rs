@@ -261,6 +261,35 @@ impl<M: Message> Subscription<M> {
     }
 }
 
+/// Messages that matter only beside others: looked at when those come, and never waited for.
+///
+/// Whoever sends here before it sends what leads to the other message has its word heard with it:
+/// no thread takes messages in between. What overflows is not counted.
+#[derive(Debug)]
+pub struct Aside<M: Message> {
+    port: iceoryx2::port::subscriber::Subscriber<Ipc, Wire<M>, ()>,
+    channel: &'static str,
+}
+
+impl<M: Message> Aside<M> {
+    pub(crate) fn new(link: &Link, channel: &Channel<M>) -> Result<Self, RuntimeError> {
+        let port =
+            link.typed(channel, Mode::OpenOrCreate)?.subscriber_builder().create().map_err(
+                |error| RuntimeError::channel(channel.name, "making a subscriber", error),
+            )?;
+        Ok(Self { port, channel: channel.name })
+    }
+
+    /// The oldest message that was not had before, if there is one.
+    pub fn try_next(&self) -> Result<Option<Received<M>>, RuntimeError> {
+        let sample = self
+            .port
+            .receive()
+            .map_err(|error| RuntimeError::channel(self.channel, "receiving", error))?;
+        Ok(sample.map(|sample| Received { sample, take_ns: now_ns() }))
+    }
+}
+
 impl FrameSubscription {
     pub(crate) fn new(link: &Link, mode: Mode) -> Result<Self, RuntimeError> {
         let channel = &channel::FRAME;

@@ -1,6 +1,7 @@
 //! Where the sheet will be.
 
 use super::{Simulator, clamped_s};
+use crate::grips::Anchor;
 use crate::params::PredictParams;
 use crate::solver::{Hooks, Rates, Targets};
 use orime_lanes::{Field, Layout, gather};
@@ -10,6 +11,7 @@ use orime_lanes::{Field, Layout, gather};
 pub(super) struct Prediction {
     /// The state, while the solver has the prediction.
     kept: [[Field; 3]; 2],
+    anchors: Vec<Anchor>,
     /// Each node's own extrapolated place.
     places: Targets,
     world: Vec<[f32; 3]>,
@@ -19,6 +21,7 @@ impl Prediction {
     fn new(layout: Layout) -> Self {
         Self {
             kept: [layout.fields(), layout.fields()],
+            anchors: Vec::new(),
             places: Targets::new(layout),
             world: vec![[0.0; 3]; layout.nodes[0] * layout.nodes[1]],
         }
@@ -27,8 +30,8 @@ impl Prediction {
 
 impl Simulator {
     /// Where the nodes will be `dt_s` after the last step, world frame, metres: the last motion
-    /// goes on for the most part, then grippers, links and facets are obeyed, every node being
-    /// held softly. The state is left as it is.
+    /// goes on for the most part, a gripper's with that of the point that it holds; then grippers,
+    /// links and facets are obeyed, every node being held softly. The state is left as it is.
     pub fn predict(&mut self, dt_s: f64) -> &[[f32; 3]] {
         let PredictParams { momentum, hold, substeps } = self.params.predict;
         let (dt_s, layout) = (clamped_s(dt_s), self.solver.layout);
@@ -44,6 +47,13 @@ impl Simulator {
                 let x = &mut self.solver.x[axis].rows_mut()[place];
                 *x += motion * ahead_s;
                 room.places.at_m[axis].rows_mut()[place] = *x;
+            }
+        }
+        room.anchors.clone_from(&self.solver.anchors);
+        for anchor in &mut self.solver.anchors {
+            let [from, to] = [&room.kept[0], &self.solver.x].map(|x| anchor.held_m(x));
+            for axis in 0..3 {
+                anchor.position_m[axis] += to[axis] - from[axis];
             }
         }
         let rates = Rates {
@@ -67,6 +77,7 @@ impl Simulator {
         gather(layout, &self.solver.x, self.origin_m, &mut room.world);
         self.solver.x.clone_from(&room.kept[0]);
         self.solver.v.clone_from(&room.kept[1]);
+        self.solver.anchors.clone_from(&room.anchors);
         &self.prediction.insert(room).world
     }
 }

@@ -25,7 +25,7 @@ fn hung(substeps: u32) -> [f64; 2] {
     let params = SimulateParams {
         substeps,
         effects: HUNG.to_vec(),
-        bend: BendParams { reach: 4, compliance_m_per_n: 0.0 },
+        bend: BendParams { reach: 4, compliance_m_per_n: 0.0, ..BendParams::default() },
         air_drag: AirDragParams { per_s: 3.0 },
         ..SimulateParams::default()
     };

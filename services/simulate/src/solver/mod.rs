@@ -6,6 +6,7 @@
 //! x° = x;  v ← (v − g·dt)·e^(−drag·dt);  x ← x + v·dt                       (motion.rs)
 //! track:     x ← x + (t − x)·r,  r = 1/(1 + 1/(c·ω²dt²)),  |(t − x)·r| ≤ a_max·dt²
 //! grippers:  the held point goes a share of the way to its gripper          (grips.rs)
+//! bend:      hinges and twists, where it is not skip links                  (plate.rs)
 //! links:     colour by colour                                               (project.rs)
 //! crease:    hinges turn towards their rest angle                           (crease.rs)
 //! facets:    x ← x + k·(g − x), g = the facet's best rigid pose             (facets.rs)
@@ -21,9 +22,11 @@ pub(crate) mod crease;
 pub(crate) mod facets;
 pub(crate) mod links;
 mod motion;
+mod plate;
 mod project;
 mod substep;
 
+pub(crate) use plate::Stencils;
 #[cfg(feature = "gpu")]
 pub(crate) use project::COINCIDENT_M2;
 pub(crate) use project::Damp;
@@ -31,7 +34,7 @@ pub(crate) use substep::{Hooks, Rates};
 
 use crate::effect::Effect;
 use crate::grips::Anchor;
-use crate::params::{CreaseKind, DampingKind, SimulateParams};
+use crate::params::{BendKind, CreaseKind, DampingKind, SimulateParams};
 use crease::{Hinge, Plastic, PlasticLink};
 use facets::{Away, FacetTable, FitFacet, Frame};
 use links::{Colour, Seam, Wanted, coloured, facets_of_place};
@@ -84,6 +87,10 @@ pub(crate) struct Solver {
     pub targets: Option<Targets>,
     pub anchors: Vec<Anchor>,
     pub colours: Vec<Colour>,
+    /// Hinges and twists of a sheet that bends as a plate, in colours.
+    pub plate: Vec<Stencils>,
+    /// Its flexural rigidity, N·m.
+    rigidity_n_m: f64,
     pub seams: Vec<Seam>,
     /// Compliances of stretch, shear and bend, m/N.
     pub compliance_m_per_n: [f32; 3],
@@ -117,8 +124,12 @@ impl Solver {
         let has = |effect| params.effects.contains(&effect);
         let named = |effect, value: f64| (has(effect) && value != 0.0).then_some(value as f32);
         let is_paper_plastic = has(Effect::Crease) && params.crease.kind == CreaseKind::Paper;
+        let is_plate = has(Effect::Bend) && params.bend.kind == BendKind::Hinge;
+        let no_link = |effect: &Effect| is_plate && *effect == Effect::Bend;
+        let effects: Vec<Effect> =
+            params.effects.iter().copied().filter(|effect| !no_link(effect)).collect();
         let wanted = Wanted {
-            effects: &params.effects,
+            effects: &effects,
             reach: params.bend.reach as usize,
             rest_m,
             each: is_paper_plastic,
@@ -163,6 +174,8 @@ impl Solver {
             has_contact: has(Effect::SelfContact),
             moves: Vec::new(),
             colours,
+            plate: if is_plate { plate::plate(sheet) } else { Vec::new() },
+            rigidity_n_m: params.bend.rigidity_n_m,
             substeps: 0,
         };
         solver.make_room();
@@ -194,6 +207,9 @@ impl Solver {
         self.seams.clear();
         for colour in &mut self.colours {
             colour.cross(&facets, self.is_paper_plastic, &mut self.seams);
+        }
+        for stencils in &mut self.plate {
+            stencils.cross(&facets);
         }
         if let Some(table) = &mut self.facet_table {
             table.set(self.layout, folds);
@@ -269,7 +285,10 @@ impl Solver {
                     + self.weights.as_ref().map_or(0, Field::bytes)
             }
             Some(Effect::Stretch) => colours(Effect::Stretch) + size_of_val(&self.seams[..]),
-            Some(effect @ (Effect::Shear | Effect::Bend)) => colours(effect),
+            Some(Effect::Shear) => colours(Effect::Shear),
+            Some(Effect::Bend) => {
+                colours(Effect::Bend) + self.plate.iter().map(Stencils::bytes).sum::<usize>()
+            }
             Some(Effect::Crease) => {
                 size_of_val(&self.hinges[..]) + size_of_val(&self.plastic_links[..])
             }

@@ -115,11 +115,18 @@ impl Project<'_> {
                     (even, even, even)
                 };
                 let (mut sa, mut sb) = (violation, violation);
-                if DAMP != OFF {
+                if DAMP == XPBD {
+                    // n·[(x₂ − x₂°) − (x₁ − x₁°)] = (|d|² − d·d°)/|d|: no motion gives exactly 0.
+                    let d_old = minus(load_points::<V>(old, b), load_points::<V>(old, a));
+                    let stretched = squared.sub(dot(d, d_old)).mul(inverse);
+                    sa = violation.add(stretched.mul(inverse.mul(V::splat(gamma))));
+                    sb = sa;
+                } else if DAMP == PAPER {
                     let moved_a = minus(first, load_points::<V>(old, a));
                     let moved_b = minus(second, load_points::<V>(old, b));
                     let share = V::splat(gamma).mul(inverse).mul(inverse);
-                    (sa, sb) = damped::<V, DAMP>(violation, share, d, moved_a, moved_b);
+                    sa = violation.sub(share.mul(dot(d, moved_a)));
+                    sb = violation.add(share.mul(dot(d, moved_b)));
                 }
                 // Left out at the end, so that nothing of an idle lane gets through.
                 sa = sa.mul(share).keep(active);
@@ -161,25 +168,6 @@ fn starts(moves: &mut [Field]) -> [*mut f32; 6] {
 #[inline(always)]
 fn share_of<V: Lanes>(both: V, damping: f32, alpha: f32) -> V {
     V::splat(1.0).div(both.mul(V::splat(damping)).add(V::splat(alpha)))
-}
-
-/// The violation with what the ends' motion adds to it, for the first and the second end; `share`
-/// is γ/|d|².
-#[inline(always)]
-fn damped<V: Lanes, const DAMP: u8>(
-    violation: V,
-    share: V,
-    d: [V; 3],
-    moved_a: [V; 3],
-    moved_b: [V; 3],
-) -> (V, V) {
-    if DAMP == XPBD {
-        let both = violation.add(share.mul(dot(d, minus(moved_b, moved_a))));
-        (both, both)
-    } else {
-        let first = violation.sub(share.mul(dot(d, moved_a)));
-        (first, violation.add(share.mul(dot(d, moved_b))))
-    }
 }
 
 /// x ← x + (move of the link that starts here) − (move of the link that ends here).

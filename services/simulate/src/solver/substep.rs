@@ -3,6 +3,7 @@
 use super::facets::{FitFacet, Frame, HoldFacet};
 use super::links::Seam;
 use super::motion::{Advance, Pull, RestOnTable, Settle};
+use super::plate::Flatten;
 use super::project::{Damp, Project};
 use super::{Solver, Targets};
 use crate::contact::{ContactPass, Part};
@@ -67,6 +68,7 @@ impl Solver {
             }
             hooks.done(Part::Of(Effect::Grippers));
         }
+        self.flatten(rates, hooks);
         self.project(rates, hooks);
         if let (Some(plastic), Some(table)) = (&self.plastic, &self.facet_table) {
             for hinge in &mut self.hinges {
@@ -125,6 +127,16 @@ impl Solver {
             x: &mut self.x,
         });
         true
+    }
+
+    /// Hinges and twists, colour by colour.
+    fn flatten(&mut self, rates: &Rates, hooks: &mut Hooks<'_, '_>) {
+        for stencils in &self.plate {
+            let alpha = stencils.alpha(self.rigidity_n_m, self.inverse_mass_per_kg, rates.dt_s);
+            let (weights, x) = (self.weights.as_ref(), &mut self.x);
+            self.width.run(Flatten { stencils, alpha, weights, x });
+            hooks.done(Part::Of(Effect::Bend));
+        }
     }
 
     /// Links, colour by colour, then seams.

@@ -88,7 +88,9 @@ impl Played {
 /// The default effects and self-contact.
 pub fn params() -> SimulateParams {
     let mut params = SimulateParams::default();
-    params.effects.push(Effect::SelfContact);
+    if !params.effects.contains(&Effect::SelfContact) {
+        params.effects.push(Effect::SelfContact);
+    }
     params
 }
 

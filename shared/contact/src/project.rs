@@ -142,7 +142,7 @@ impl FacetContact {
             let first = self.solve(false);
             report.worst_gap_m = first.short_m;
             report.settled = first.unsettled == 0;
-            let may_stay = round == 0 || round >= LINKED_ROUNDS || !self.is_stretched();
+            let may_stay = round >= LINKED_ROUNDS || !self.is_stretched();
             if report.settled && may_stay {
                 break;
             }

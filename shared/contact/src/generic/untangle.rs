@@ -47,6 +47,15 @@ impl GenericContact {
         count
     }
 
+    /// Whether nothing crosses; what is not finite is not free. The next net may begin here.
+    pub(crate) fn is_free(&mut self, x_m: &[[f32; 3]]) -> bool {
+        let free = is_usable(x_m, self.from.len()) && self.crossings(x_m) == 0;
+        if free {
+            self.proven_m.copy_from_slice(x_m);
+        }
+        free
+    }
+
     /// Pulls edges out of the triangles that they pierce, the shorter end first, until nothing
     /// crosses: for what pokes through a little. It does not know which layer belongs where, so
     /// that layers that lie in each other stay tangled; the report says so.

@@ -25,7 +25,7 @@ const STACKED_COSINE: f64 = 0.5;
 /// Edges that are farther apart than this in the right order are no contact, metres: where one
 /// facet ends, and inside of both.
 const CLEAR_M: f64 = 2e-3;
-const CLEAR_INSIDE_M: f64 = 6e-4;
+const CLEAR_INSIDE_M: f64 = 2.5e-4;
 
 /// Two edges, of which the first has to stay on one side of the second.
 #[derive(Debug, Clone, Copy)]

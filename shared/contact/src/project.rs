@@ -142,12 +142,13 @@ impl FacetContact {
             let first = self.solve(false);
             report.worst_gap_m = first.short_m;
             report.settled = first.unsettled == 0;
-            let may_stay = round >= LINKED_ROUNDS || !self.is_stretched();
-            if report.settled && may_stay {
+            let stretched = round < LINKED_ROUNDS && self.is_stretched();
+            if report.settled && !stretched {
                 break;
             }
             // Links stir up what is nearly settled: then every other round goes without.
-            self.sweep(round < LINKED_ROUNDS || round % 2 == 0, table_m);
+            let linked = round < LINKED_ROUNDS || round % 2 == 0;
+            self.sweep(linked, stretched, table_m);
         }
         report
     }
@@ -181,18 +182,24 @@ impl FacetContact {
         spine::find(&mut self.spine, &mut self.seen, &search);
     }
 
-    /// Links and contacts, then contacts alone, which are the last write.
-    fn sweep(&mut self, linked: bool, table_m: Option<f64>) {
+    /// Links and contacts, until neither undoes the other's work; then contacts alone, which are
+    /// the last write.
+    fn sweep(&mut self, linked: bool, stretched: bool, table_m: Option<f64>) {
         for sweep in 0..self.params.sweeps {
             if linked {
                 links::sweep(&self.topology, &mut self.x, &self.mobility, sweep % 2 == 1);
             }
-            self.solve(sweep % 2 == 1);
-            self.lift(table_m);
+            let worst = self.solve(sweep % 2 == 1);
+            let lifted = self.lift(table_m);
+            if worst.unsettled == 0 && !stretched && !lifted {
+                break;
+            }
         }
         for sweep in 0..LAST_SWEEPS {
-            self.solve(sweep % 2 == 1);
-            self.lift(table_m);
+            let worst = self.solve(sweep % 2 == 1);
+            if !self.lift(table_m) && worst.count == 0 {
+                break;
+            }
         }
     }
 

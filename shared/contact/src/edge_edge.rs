@@ -14,7 +14,7 @@ use nalgebra::Vector3;
 /// Edges farther than this from the other facet's plane, on one side, are no contact, metres.
 const REACH_M: f64 = 3e-3;
 /// A crossing this far outside of an edge still counts, as a share of it.
-const OUTSIDE: f64 = 0.02;
+const OUTSIDE: f64 = 1e-3;
 /// Edges whose directions differ by a smaller sine are parallel.
 const PARALLEL: f64 = 2e-3;
 /// The same in the solver, where the lengths are at most some spacings.
@@ -25,7 +25,7 @@ const STACKED_COSINE: f64 = 0.5;
 /// Edges that are farther apart than this in the right order are no contact, metres: where one
 /// facet ends, and inside of both.
 const CLEAR_M: f64 = 2e-3;
-const CLEAR_INSIDE_M: f64 = 6e-4;
+const CLEAR_INSIDE_M: f64 = 2.5e-4;
 
 /// Two edges, of which the first has to stay on one side of the second.
 #[derive(Debug, Clone, Copy)]

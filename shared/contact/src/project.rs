@@ -2,6 +2,7 @@
 
 use crate::edge_edge::{self, EdgeEdge};
 use crate::gap::Gaps;
+use crate::generic::GenericContact;
 use crate::links;
 use crate::mesh::Mesh;
 use crate::near::Near;
@@ -21,6 +22,8 @@ const LAST_SWEEPS: u32 = 3;
 /// A settled sheet with an edge that is longer than this gets another round, up to
 /// [`LINKED_ROUNDS`].
 const STRETCH_MAX: f64 = 0.03;
+/// Times that what crosses is pulled out.
+const UNTANGLE_ROUNDS: u32 = 10;
 /// Rounds that all sweep over links, too.
 const LINKED_ROUNDS: u32 = 4;
 
@@ -37,6 +40,8 @@ pub struct ContactReport {
     pub settled: bool,
     /// Farthest that a node was moved, metres.
     pub moved_m: f64,
+    /// Crossings that the order of the facets left, and those that untangling left of them.
+    pub crossings: [u32; 2],
 }
 
 /// Keeps the layers of a folded sheet apart by the order of its facets.
@@ -56,6 +61,8 @@ pub struct FacetContact {
     node_triangle: Vec<NodeTriangle>,
     edge_edge: Vec<EdgeEdge>,
     spine: Vec<SpineContact>,
+    net: GenericContact,
+    untangled_m: Vec<[f32; 3]>,
 }
 
 impl FacetContact {
@@ -76,6 +83,8 @@ impl FacetContact {
             node_triangle: Vec::with_capacity(4 * count),
             edge_edge: Vec::with_capacity(4 * count),
             spine: Vec::with_capacity(count),
+            net: GenericContact::new(config, sheet),
+            untangled_m: Vec::with_capacity(count),
         }
     }
 
@@ -94,14 +103,32 @@ impl FacetContact {
             let usable = mobility.is_finite() && *mobility >= 0.0;
             *own = if usable { f64::from(*mobility) } else { 0.0 };
         }
+        self.net.set_mobility(mobility);
     }
 
     /// Moves the nodes so that no layer lies in another. Positions in metres, one per node, any
     /// frame in which the table, if there is one, is at a fixed z. Positions that are not finite
     /// are left as they are, all of them.
     ///
-    /// The order of two facets is taken from `folds`; pairs without one are not kept apart.
+    /// The order of two facets is taken from `folds`; pairs without one are not kept apart. What
+    /// crosses then, because a facet bends or a crease is not known yet, is untangled.
     pub fn project(&mut self, positions_m: &mut [[f32; 3]], folds: &Folds) -> ContactReport {
+        let mut report = self.part(positions_m, folds);
+        if report.rounds == 0 {
+            return report;
+        }
+        self.untangled_m.clear();
+        self.untangled_m.extend_from_slice(positions_m);
+        let net = self.net.untangle_within(&mut self.untangled_m, UNTANGLE_ROUNDS);
+        report.crossings = [net.crossings_before, net.crossings_after];
+        if net.crossings_after < net.crossings_before {
+            positions_m.copy_from_slice(&self.untangled_m);
+        }
+        report
+    }
+
+    /// As [`FacetContact::project`], without a look at what crosses.
+    pub(crate) fn part(&mut self, positions_m: &mut [[f32; 3]], folds: &Folds) -> ContactReport {
         if self.topology.shape != folds.facets() {
             self.refold(folds);
         }
@@ -142,12 +169,13 @@ impl FacetContact {
             let first = self.solve(false);
             report.worst_gap_m = first.short_m;
             report.settled = first.unsettled == 0;
-            let may_stay = round == 0 || round >= LINKED_ROUNDS || !self.is_stretched();
-            if report.settled && may_stay {
+            let stretched = round < LINKED_ROUNDS && self.is_stretched();
+            if report.settled && !stretched {
                 break;
             }
             // Links stir up what is nearly settled: then every other round goes without.
-            self.sweep(round < LINKED_ROUNDS || round % 2 == 0, table_m);
+            let linked = round < LINKED_ROUNDS || round % 2 == 0;
+            self.sweep(linked, stretched, table_m);
         }
         report
     }
@@ -181,18 +209,24 @@ impl FacetContact {
         spine::find(&mut self.spine, &mut self.seen, &search);
     }
 
-    /// Links and contacts, then contacts alone, which are the last write.
-    fn sweep(&mut self, linked: bool, table_m: Option<f64>) {
+    /// Links and contacts, until neither undoes the other's work; then contacts alone, which are
+    /// the last write.
+    fn sweep(&mut self, linked: bool, stretched: bool, table_m: Option<f64>) {
         for sweep in 0..self.params.sweeps {
             if linked {
                 links::sweep(&self.topology, &mut self.x, &self.mobility, sweep % 2 == 1);
             }
-            self.solve(sweep % 2 == 1);
-            self.lift(table_m);
+            let worst = self.solve(sweep % 2 == 1);
+            let lifted = self.lift(table_m);
+            if worst.unsettled == 0 && !stretched && !lifted {
+                break;
+            }
         }
         for sweep in 0..LAST_SWEEPS {
-            self.solve(sweep % 2 == 1);
-            self.lift(table_m);
+            let worst = self.solve(sweep % 2 == 1);
+            if !self.lift(table_m) && worst.count == 0 {
+                break;
+            }
         }
     }
 
@@ -292,8 +326,21 @@ mod tests {
         unknown.set_order(1, 0, 0);
         let crossing = book(180.0, 5e-4);
         x.clone_from(&crossing);
-        assert_eq!(contact.project(&mut x, &unknown).constraints, 0);
+        assert_eq!(contact.part(&mut x, &unknown).constraints, 0);
         assert_eq!(x, crossing);
+    }
+
+    #[test]
+    fn what_pokes_through_without_an_order_is_pulled_out() {
+        let mut contact = contact(ContactParams::default());
+        let mut unknown = folds();
+        unknown.set_order(0, 1, 0);
+        unknown.set_order(1, 0, 0);
+        let mut x = book(175.0, 0.0);
+        x[sheet().index(20, 12)][2] = -2e-4;
+        let report = contact.project(&mut x, &unknown);
+        assert!(report.crossings[0] > 0 && report.crossings[1] == 0, "{report:?}");
+        assert_eq!(contact.project(&mut x, &unknown).crossings, [0, 0]);
     }
 
     #[test]

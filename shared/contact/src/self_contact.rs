@@ -42,7 +42,7 @@ impl SelfContact {
         x_m: &mut [[f32; 3]],
         folds: &Folds,
     ) -> (ContactReport, GenericReport) {
-        let facets = self.facets.project(x_m, folds);
+        let facets = self.facets.part(x_m, folds);
         let mut generic = GenericReport::default();
         if folds.facets().len() == 1 {
             self.generic.begin_step(from_m);
@@ -56,9 +56,18 @@ impl SelfContact {
         (facets, generic)
     }
 
-    /// Casts the net: nothing has passed through anything on the straight way from `from_m`, which
-    /// may lie several substeps back. What begins tangled has no net.
-    pub fn truncate(&mut self, from_m: &[[f32; 3]], x_m: &mut [[f32; 3]]) -> NetReport {
+    /// Casts the net over the way from `from_m`, which may lie several substeps back: what crosses
+    /// goes back as far as it must. A sheet of one facet must not meet itself on that way either;
+    /// between facets their order sees to that. What begins tangled has no net.
+    pub fn truncate(
+        &mut self,
+        from_m: &[[f32; 3]],
+        x_m: &mut [[f32; 3]],
+        folds: &Folds,
+    ) -> NetReport {
+        if folds.facets().len() > 1 && self.generic.is_free(x_m) {
+            return NetReport { armed: true, pairs: 0, blended: 0, share: 1.0 };
+        }
         self.generic.truncate(from_m, x_m)
     }
 }

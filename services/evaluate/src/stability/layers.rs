@@ -76,6 +76,7 @@ fn folded(
             start_m: None,
             targets: everywhere(move |time_s| halved(&shape, folds, time_s, 1.0)),
             contact: Box::new(|_| true),
+            ordered_frames: usize::MAX,
         }
     }
 }
@@ -157,6 +158,7 @@ fn pressing<'a>(
         start_m: None,
         targets: Box::new(move |frame| (pressed(&shape, share(frame), below_m), edge.clone())),
         contact: Box::new(|_| true),
+        ordered_frames: 15,
         sheet,
     }
 }
@@ -193,6 +195,7 @@ fn crumple_scene(seed: u64) -> Scene<'static> {
         start_m: None,
         targets: Box::new(move |frame| (shapes[(frame / 8).min(3)].clone(), confidence.clone())),
         contact: Box::new(|_| true),
+        ordered_frames: usize::MAX,
         sheet,
     }
 }
@@ -265,6 +268,7 @@ pub fn slam(_seed: u64) -> Vec<Outcome> {
         start_m: Some(start.clone()),
         targets: Box::new(|_| (start.clone(), vec![0.0; sheet.len()])),
         contact: Box::new(|_| true),
+        ordered_frames: usize::MAX,
     };
     let [on, off] = with_and_without(make);
     let low_m = on.end_m.iter().map(|p| p[2]).fold(f32::INFINITY, f32::min);

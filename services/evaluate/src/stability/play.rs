@@ -4,6 +4,7 @@ use crate::scores::folded::self_intersections;
 use orime_contact::{ContactParams, SelfContact};
 use orime_creases::{Facet, Folds};
 use orime_geometry::SheetGrid;
+use orime_geometry::nalgebra::Point3;
 use orime_simulate::{ContactPass, Effect, Pulls, SimulateParams, Simulator, Taking};
 use std::time::Instant;
 
@@ -11,6 +12,8 @@ use std::time::Instant;
 pub const FRAME_S: f64 = 1.0 / 30.0;
 /// Times that the net is cast per frame.
 const PASSES: u32 = 5;
+/// Layers farther apart than this are not asked for their order, metres.
+const NEAR_M: f64 = 10e-3;
 /// Mass per area, kg/m².
 pub const DENSITY: f64 = 0.08;
 
@@ -31,6 +34,9 @@ pub struct Scene<'a> {
     pub targets: Box<dyn Fn(usize) -> (Vec<[f32; 3]>, Vec<f32>) + 'a>,
     /// Whether contact works in a frame.
     pub contact: Box<dyn Fn(usize) -> bool + 'a>,
+    /// Frames at the start in which targets show which facet lies on which side; later ones may go
+    /// through.
+    pub ordered_frames: usize,
 }
 
 /// What came of it.
@@ -88,7 +94,9 @@ impl Played {
 /// The default effects and self-contact.
 pub fn params() -> SimulateParams {
     let mut params = SimulateParams::default();
-    params.effects.push(Effect::SelfContact);
+    if !params.effects.contains(&Effect::SelfContact) {
+        params.effects.push(Effect::SelfContact);
+    }
     params
 }
 
@@ -159,7 +167,7 @@ pub fn play(scene: &Scene<'_>) -> Played {
     let mut played = Played { frames: scene.frames, ..Played::default() };
     for frame in 0..scene.frames {
         let (targets_m, confidence) = (scene.targets)(frame);
-        if let Some(folds) = &mut wanted {
+        if let Some(folds) = wanted.as_mut().filter(|_| frame < scene.ordered_frames) {
             folds.observe(&targets_m);
         }
         let before = simulator.positions_m().to_vec();
@@ -178,7 +186,7 @@ pub fn play(scene: &Scene<'_>) -> Played {
             if substep % (substeps / PASSES).max(1) != 0 && substep != substeps {
                 return;
             }
-            let net = contact.truncate(&last_m, pass.x_m);
+            let net = contact.truncate(&last_m, pass.x_m, pass.folds);
             last_m.copy_from_slice(pass.x_m);
             played.net_shortened += u32::from(net.share < 1.0);
             played.net_unarmed += u32::from(!net.armed);
@@ -219,19 +227,30 @@ fn flipped(wanted: &Folds, x_m: &[[f32; 3]]) -> usize {
     let mut wrong = 0;
     for f in 0..count {
         for g in (0..count).filter(|g| *g != f) {
-            let local = |n: &u32| {
-                let d = orime_geometry::nalgebra::Point3::from(x_m[*n as usize].map(f64::from))
-                    - frames[g].center_m;
+            let local = |n: usize| {
+                let d = Point3::from(x_m[n].map(f64::from)) - frames[g].center_m;
                 let [u, v] = frames[g].center_uv_m;
                 ([u + d.dot(&frames[g].u), v + d.dot(&frames[g].v)], d.dot(&frames[g].normal))
             };
-            let over = wanted.members(f).iter().map(local);
-            let near = over.filter(|(uv, height_m)| {
-                wanted.facets()[g].inside_m(*uv) > 2e-3 && height_m.abs() < 5e-3
-            });
-            let (sum_m, nodes) = near.fold((0.0, 0), |(sum, n), (_, height)| (sum + height, n + 1));
+            let over = wanted.members(f).iter().map(|n| local(*n as usize));
+            let inside = over.filter(|(uv, _)| wanted.facets()[g].inside_m(*uv) > 2e-3);
+            // Over the facet as it is, not over its best plane: it may bulge by more than the gap.
+            let height_m = |(uv, height_m): ([f64; 2], f64)| {
+                height_m - between_nodes(wanted.sheet(), uv, |n| local(n).1)
+            };
+            let near = inside.map(height_m).filter(|height_m| height_m.abs() < NEAR_M);
+            let (sum_m, nodes) = near.fold((0.0, 0), |(sum, n), height| (sum + height, n + 1));
             wrong += usize::from(nodes > 5 && sum_m * f64::from(wanted.order(f, g)) < 0.0);
         }
     }
     wrong
+}
+
+/// Bilinear interpolation of a value per node at a material point, which lies on the sheet.
+fn between_nodes(sheet: &SheetGrid, uv_m: [f64; 2], value: impl Fn(usize) -> f64) -> f64 {
+    let at = [0, 1].map(|axis| uv_m[axis] / sheet.spacing_m()[axis]);
+    let [i, j] = [0, 1].map(|axis| (at[axis] as usize).min(sheet.nodes[axis] - 2));
+    let [s, t] = [at[0] - i as f64, at[1] - j as f64];
+    let row = |i: usize| (1.0 - t) * value(sheet.index(i, j)) + t * value(sheet.index(i, j + 1));
+    (1.0 - s) * row(i) + s * row(i + 1)
 }

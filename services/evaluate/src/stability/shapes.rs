@@ -82,6 +82,9 @@ pub fn pressed(sheet: &SheetGrid, share: f64, below_m: f64) -> Vec<[f32; 3]> {
     let (sin, cos) = (PI * share).sin_cos();
     let place = |[u, v]: [f64; 2]| {
         let out = u - a / 2.0;
+        if out <= 0.0 {
+            return [u as f32, v as f32, 0.0];
+        }
         let down = below_m * share.min(1.0);
         [(a / 2.0 + out * cos) as f32, v as f32, (out * sin - down) as f32]
     };

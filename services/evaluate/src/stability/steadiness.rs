@@ -190,6 +190,7 @@ pub fn threads(_seed: u64) -> Vec<Outcome> {
                 (halved(&shape, 1, (frame + 1) as f64 * FRAME_S, 1.0), trust.clone())
             }),
             contact: Box::new(|_| true),
+            ordered_frames: usize::MAX,
             sheet,
         };
         play(&scene).end_m.iter().flatten().map(|c| c.to_bits()).collect::<Vec<u32>>()

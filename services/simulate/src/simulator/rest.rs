@@ -63,9 +63,25 @@ impl Simulator {
         self.solver.lowest_m(frame_s) < table_m + spacing_m
     }
 
-    /// Whether every node lies so near to one flat, unstretched sheet that no two parts can touch.
+    /// Whether every node lies so near to one flat, unstretched sheet that no two parts can touch,
+    /// and no target is so far away that this could change within a frame.
     pub(super) fn is_flat(&self) -> bool {
         let spacing_m = self.folds.sheet().spacing_m().into_iter().fold(f64::INFINITY, f64::min);
-        self.solver.unflat_m() < 0.25 * spacing_m as f32
+        let apart_m = 0.25 * spacing_m as f32;
+        self.solver.unflat_m() < apart_m && self.target_distance_m() < apart_m
+    }
+
+    /// Largest distance between a node and its target, metres.
+    fn target_distance_m(&self) -> f32 {
+        let Some(targets) = self.solver.targets.as_ref().filter(|t| t.count > 0) else {
+            return 0.0;
+        };
+        let confidence = targets.confidence.rows();
+        let pulled = self.solver.layout.places().filter(|place| confidence[*place] > 0.0);
+        let squared_m2 = pulled.map(|place| {
+            let way = |k: usize| targets.at_m[k].rows()[place] - self.solver.x[k].rows()[place];
+            (0..3).map(|k| way(k) * way(k)).sum::<f32>()
+        });
+        squared_m2.fold(0.0, f32::max).sqrt()
     }
 }

@@ -8,8 +8,6 @@ const ADVANCES: usize = 48;
 const STEP: f64 = 0.9;
 /// Layers nearer than this do not come nearer at all, metres: it stands out of f32's rounding.
 const HOLD_M: f64 = 1e-6;
-/// From this distance on, a step may take [`APPROACH`] of it, metres.
-const FREE_M: f64 = 2e-5;
 /// Largest share of a distance that one step may take.
 const APPROACH: f64 = 0.8;
 
@@ -97,8 +95,7 @@ impl Pair {
 
 /// How near a pair may come in one step, metres.
 pub(crate) fn margin_m(distance_m: f64) -> f64 {
-    let freedom = ((distance_m - HOLD_M) / (FREE_M - HOLD_M)).clamp(0.0, 1.0);
-    distance_m * (1.0 - APPROACH * freedom)
+    distance_m.min(HOLD_M).max(distance_m * (1.0 - APPROACH))
 }
 
 /// Nearest point of triangle p[1..] to p[0]. Source: Ericson, Real-Time Collision Detection, 5.1.5.

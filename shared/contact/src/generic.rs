@@ -43,7 +43,7 @@ pub struct GenericReport {
 }
 
 /// Keeps a sheet from passing through itself, whatever its shape.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct GenericContact {
     params: ContactParams,
     mesh: Mesh,

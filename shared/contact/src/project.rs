@@ -2,7 +2,6 @@
 
 use crate::edge_edge::{self, EdgeEdge};
 use crate::gap::Gaps;
-use crate::generic::GenericContact;
 use crate::links;
 use crate::mesh::Mesh;
 use crate::near::Near;
@@ -22,8 +21,6 @@ const LAST_SWEEPS: u32 = 3;
 /// A settled sheet with an edge that is longer than this gets another round, up to
 /// [`LINKED_ROUNDS`].
 const STRETCH_MAX: f64 = 0.03;
-/// Times that what crosses is pulled out.
-const UNTANGLE_ROUNDS: u32 = 10;
 /// Rounds that all sweep over links, too.
 const LINKED_ROUNDS: u32 = 4;
 
@@ -40,8 +37,6 @@ pub struct ContactReport {
     pub settled: bool,
     /// Farthest that a node was moved, metres.
     pub moved_m: f64,
-    /// Crossings that the order of the facets left, and those that untangling left of them.
-    pub crossings: [u32; 2],
 }
 
 /// Keeps the layers of a folded sheet apart by the order of its facets.
@@ -61,8 +56,6 @@ pub struct FacetContact {
     node_triangle: Vec<NodeTriangle>,
     edge_edge: Vec<EdgeEdge>,
     spine: Vec<SpineContact>,
-    net: GenericContact,
-    untangled_m: Vec<[f32; 3]>,
 }
 
 impl FacetContact {
@@ -83,8 +76,6 @@ impl FacetContact {
             node_triangle: Vec::with_capacity(4 * count),
             edge_edge: Vec::with_capacity(4 * count),
             spine: Vec::with_capacity(count),
-            net: GenericContact::new(config, sheet),
-            untangled_m: Vec::with_capacity(count),
         }
     }
 
@@ -103,32 +94,14 @@ impl FacetContact {
             let usable = mobility.is_finite() && *mobility >= 0.0;
             *own = if usable { f64::from(*mobility) } else { 0.0 };
         }
-        self.net.set_mobility(mobility);
     }
 
     /// Moves the nodes so that no layer lies in another. Positions in metres, one per node, any
     /// frame in which the table, if there is one, is at a fixed z. Positions that are not finite
     /// are left as they are, all of them.
     ///
-    /// The order of two facets is taken from `folds`; pairs without one are not kept apart. What
-    /// crosses then, because a facet bends or a crease is not known yet, is untangled.
+    /// The order of two facets is taken from `folds`; pairs without one are not kept apart.
     pub fn project(&mut self, positions_m: &mut [[f32; 3]], folds: &Folds) -> ContactReport {
-        let mut report = self.part(positions_m, folds);
-        if report.rounds == 0 {
-            return report;
-        }
-        self.untangled_m.clear();
-        self.untangled_m.extend_from_slice(positions_m);
-        let net = self.net.untangle_within(&mut self.untangled_m, UNTANGLE_ROUNDS);
-        report.crossings = [net.crossings_before, net.crossings_after];
-        if net.crossings_after < net.crossings_before {
-            positions_m.copy_from_slice(&self.untangled_m);
-        }
-        report
-    }
-
-    /// As [`FacetContact::project`], without a look at what crosses.
-    pub(crate) fn part(&mut self, positions_m: &mut [[f32; 3]], folds: &Folds) -> ContactReport {
         if self.topology.shape != folds.facets() {
             self.refold(folds);
         }
@@ -326,21 +299,8 @@ mod tests {
         unknown.set_order(1, 0, 0);
         let crossing = book(180.0, 5e-4);
         x.clone_from(&crossing);
-        assert_eq!(contact.part(&mut x, &unknown).constraints, 0);
+        assert_eq!(contact.project(&mut x, &unknown).constraints, 0);
         assert_eq!(x, crossing);
-    }
-
-    #[test]
-    fn what_pokes_through_without_an_order_is_pulled_out() {
-        let mut contact = contact(ContactParams::default());
-        let mut unknown = folds();
-        unknown.set_order(0, 1, 0);
-        unknown.set_order(1, 0, 0);
-        let mut x = book(175.0, 0.0);
-        x[sheet().index(20, 12)][2] = -2e-4;
-        let report = contact.project(&mut x, &unknown);
-        assert!(report.crossings[0] > 0 && report.crossings[1] == 0, "{report:?}");
-        assert_eq!(contact.project(&mut x, &unknown).crossings, [0, 0]);
     }
 
     #[test]

@@ -42,7 +42,7 @@ impl SelfContact {
         x_m: &mut [[f32; 3]],
         folds: &Folds,
     ) -> (ContactReport, GenericReport) {
-        let facets = self.facets.part(x_m, folds);
+        let facets = self.facets.project(x_m, folds);
         let mut generic = GenericReport::default();
         if folds.facets().len() == 1 {
             self.generic.begin_step(from_m);

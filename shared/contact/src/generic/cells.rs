@@ -35,7 +35,7 @@ impl Span {
 }
 
 /// Boxes over 2ᵏ × 2ᵏ blocks of cells, and the cells that come near each other.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub(crate) struct Cells {
     /// Finest first; each level has half as many rows and columns.
     levels: Vec<Level>,
@@ -44,7 +44,7 @@ pub(crate) struct Cells {
     stack: Vec<(usize, [usize; 2], [usize; 2])>,
 }
 
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 struct Level {
     size: [usize; 2],
     boxes: Vec<Span>,
@@ -129,7 +129,7 @@ impl Cells {
 }
 
 /// What begins in a cell: its node, its edges and its triangles.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub(crate) struct Parts {
     edges: Vec<Vec<u32>>,
     triangles: Vec<Vec<u32>>,

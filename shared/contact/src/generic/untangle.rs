@@ -60,16 +60,11 @@ impl GenericContact {
     /// crosses: for what pokes through a little. It does not know which layer belongs where, so
     /// that layers that lie in each other stay tangled; the report says so.
     pub fn untangle(&mut self, x_m: &mut [[f32; 3]]) -> UntangleReport {
-        self.untangle_within(x_m, ROUNDS)
-    }
-
-    /// The same, in at most so many rounds.
-    pub(crate) fn untangle_within(&mut self, x_m: &mut [[f32; 3]], rounds: u32) -> UntangleReport {
         let before = self.crossings(x_m) as u32;
         let mut report =
             UntangleReport { crossings_before: before, crossings_after: before, rounds: 0 };
         let mut found: Vec<([u32; 2], [u32; 3])> = Vec::new();
-        while report.crossings_after > 0 && report.rounds < rounds {
+        while report.crossings_after > 0 && report.rounds < ROUNDS {
             found.clear();
             self.piercings(|edge, triangle, _| found.push((edge, triangle)));
             report.crossings_after = found.len() as u32;

@@ -107,7 +107,7 @@ fn the_budget_ends_a_set_whose_stage_dies_again_and_again() {
     let mut set = RunningSet::start_with("budget-set", Some(&set(&scratch, "realtime")), &budget);
     set.wait_until(has_all_stages);
     for n in 0..3 {
-        let run = set.wait_until(|run| has_all_stages(run));
+        let run = set.wait_until(has_all_stages);
         signal(pid(&run, "segment"), Signal::KILL);
         let wanted = if n < 2 { "recovered" } else { "gave_up" };
         let count = if n < 2 { n + 1 } else { 1 };

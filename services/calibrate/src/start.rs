@@ -158,7 +158,7 @@ fn consensus(candidates: &[Candidate], agree_m: f64) -> Option<(Isometry3<f64>, 
         |a: &Candidate| -> Vec<&Candidate> { candidates.iter().filter(|b| agree(a, b)).collect() };
     let votes =
         |voters: &[&Candidate]| voters.iter().map(|c| c.group).collect::<BTreeSet<_>>().len();
-    let tries = candidates.iter().step_by(stride).map(|candidate| voters(candidate));
+    let tries = candidates.iter().step_by(stride).map(voters);
     // The first of equals, so that results repeat.
     let best = tries.map(|v| (votes(&v), v)).reduce(|a, b| if b.0 > a.0 { b } else { a })?;
     Some((mean(best.1.iter().map(|c| &c.pose)), best.0))

@@ -80,7 +80,6 @@ impl Common {
     }
 
     /// Number of rows.
-    #[expect(clippy::len_without_is_empty, reason = "whether it is empty interests nobody")]
     pub fn len(&self) -> usize {
         self.rows
     }

@@ -114,7 +114,7 @@ impl RealsenseFileSource {
         }
         (0..recordings.len()).for_each(|camera| matcher.set_ended(camera, true));
         let sets: Vec<MatchedSet<u64>> = std::iter::from_fn(|| matcher.pop(0)).collect();
-        let opened_ns: Vec<u64> = sets.iter().map(|set| first_ns(set)).collect();
+        let opened_ns: Vec<u64> = sets.iter().map(first_ns).collect();
         let span_ns = opened_ns.last().zip(opened_ns.first()).map_or(0, |(l, f)| l - f);
         let period_ns = span_ns / (sets.len() as u64 - 1).max(1);
         let after = if repeat { After::StartOver } else { After::End };

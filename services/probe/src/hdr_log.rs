@@ -36,7 +36,8 @@ fn hop(figures: &Figures, stage: Stage) -> &orime_probe::Hop {
 impl HdrLog {
     /// Begins the file.
     pub fn create(path: &Path) -> io::Result<Self> {
-        let all: [(&'static str, fn(&Figures) -> &Spread); 5] = [
+        type Tagged = (&'static str, fn(&Figures) -> &Spread);
+        let all: [Tagged; 5] = [
             ("end_to_end", |figures| figures.end_to_end()),
             ("step_compute", |figures| figures.step_compute()),
             ("frame_transport", |figures| &hop(figures, Stage::Segment).transport),

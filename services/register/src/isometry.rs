@@ -72,7 +72,7 @@ impl Isometry {
             .collect();
         let row = |span| [[span, 0], [0, span]].map(|step| Rows::new(sheet, step));
         let room = SPANS[1] * layout.stride;
-        let numbers = vec![0.0; layout.len() + 2 * room];
+        let numbers = vec![0.0; layout.size() + 2 * room];
         let mut isometry = Self {
             layout,
             width: Width::available()[0],
@@ -89,7 +89,7 @@ impl Isometry {
 
     /// Takes over other folds: no link and no row reaches across a crease.
     pub fn refold(&mut self, folds: &Folds) {
-        let mut facets = vec![0; self.layout.len()];
+        let mut facets = vec![0; self.layout.size()];
         for (place, of_node) in self.layout.places().zip(folds.facets_of_node()) {
             facets[place] = *of_node;
         }
@@ -179,7 +179,7 @@ fn bits(layout: Layout, is_there: impl Fn(usize, usize) -> bool) -> Vec<[u16; 2]
         let (i, j) = (first / layout.stride, first % layout.stride);
         [(0..LANES).fold(0, |bits, k| bits | u16::from(is_there(i, j + k)) << k), 0]
     };
-    (0..layout.len()).step_by(LANES).map(vector).collect()
+    (0..layout.size()).step_by(LANES).map(vector).collect()
 }
 
 /// Chooses those that act.

@@ -51,8 +51,6 @@ pub struct TrackReport {
     pub sigma_m: f32,
     /// N_p/N: the share of the points that the model explains.
     pub inlier_ratio: f32,
-    /// Mean relative change of the links' lengths at the end.
-    pub strain_mean: f32,
 }
 
 /// Points that are enough while σ exceeds the components' spacing, and most of them left out.
@@ -204,8 +202,12 @@ impl Tracker {
             let blended = 0.7 * self.outlier_weight + 0.3 * unexplained;
             self.outlier_weight = blended.clamp(0.01, 0.5);
         }
-        report.strain_mean = self.isometry.strain(nodes_m).1;
         report
+    }
+
+    /// Mean relative change of the links' lengths.
+    pub fn strain(&self, nodes_m: &[[f32; 3]]) -> f32 {
+        self.isometry.strain(nodes_m).1
     }
 
     /// How much each node was seen in the last [`Self::track`], 0 … 1: the mass that the points

@@ -223,13 +223,13 @@ impl Simulator {
     /// which took `dt_s`. Velocities are kept.
     pub fn correct(&mut self, dt_s: f64, positions_m: &[[f32; 3]]) {
         let per_s = 1.0 / clamped_s(dt_s) as f32;
-        for (node, place) in self.solver.layout.places().enumerate() {
-            for axis in 0..3 {
-                let to = positions_m[node][axis];
+        let nodes = self.solver.layout.places().zip(positions_m).enumerate();
+        for (node, (place, to)) in nodes {
+            for (axis, to) in to.iter().enumerate() {
                 let way = to - self.world[node][axis];
                 self.motion_m_per_s[node][axis] += 0.5 * way * per_s;
                 self.solver.x[axis].rows_mut()[place] = to - self.origin_m[axis];
-                self.world[node][axis] = to;
+                self.world[node][axis] = *to;
             }
         }
         self.folds.observe(&self.world);

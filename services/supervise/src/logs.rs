@@ -71,12 +71,7 @@ fn found(folder: &Path, stage: Option<&str>) -> io::Result<Vec<Log>> {
 impl Log {
     /// Whole lines that have come since the last call.
     fn lines(&mut self) -> Vec<String> {
-        loop {
-            let Ok(read) = self.read() else { break };
-            if read == 0 {
-                break;
-            }
-        }
+        while self.read().is_ok_and(|read| read > 0) {}
         let end = self.part.iter().rposition(|byte| *byte == b'\n').map_or(0, |at| at + 1);
         let whole: Vec<u8> = self.part.drain(..end).collect();
         String::from_utf8_lossy(&whole).lines().map(str::to_owned).collect()

@@ -12,7 +12,7 @@ use nalgebra::Vector3;
 /// A place this far outside a triangle still counts as on it, barycentric.
 const TOUCH: f64 = 0.002;
 /// The same, at the sheet's or the facet's end.
-const RIM: f64 = 0.002;
+const RIM: f64 = 0.02;
 /// A contact that slid farther than this out of its triangle waits for the next round.
 const SLID: f64 = 0.25;
 /// Nodes that are farther away than this in the right order are no contact, metres.

@@ -25,7 +25,7 @@ impl Layout {
     }
 
     /// Numbers in all rows, without what stands around them.
-    pub fn len(&self) -> usize {
+    pub fn size(&self) -> usize {
         self.nodes[0] * self.stride
     }
 
@@ -41,7 +41,7 @@ impl Layout {
 
     /// A field of zeros: a vector of room before the first row, and one after the last.
     pub fn field(&self) -> Field {
-        Field(vec![Chunk([0.0; LANES]); self.len() / LANES + 2])
+        Field(vec![Chunk([0.0; LANES]); self.size() / LANES + 2])
     }
 
     /// Three fields of zeros.
@@ -102,7 +102,7 @@ mod tests {
     fn what_is_scattered_is_gathered() {
         let sheet = SheetGrid::new([0.1, 0.2], [7, 18]);
         let layout = Layout::new(&sheet);
-        assert_eq!((layout.stride, layout.len()), (32, 7 * 32));
+        assert_eq!((layout.stride, layout.size()), (32, 7 * 32));
         let mut fields = layout.fields();
         scatter(layout, &sheet.flat_m(), &mut fields);
         assert_eq!(fields[0].rows()[layout.place(20)], sheet.flat_m()[20][0]);

@@ -96,9 +96,9 @@ pub const STATE: Channel<SheetState> = Channel {
 /// capture → judge, recorder. Capture runs ahead of the states by all that is on its way, so this
 /// holds more than the other channels together.
 pub const TRUTH: Channel<Truth> = channel("orime/truth", lossless(16), newest_wins(16, 16));
-/// capture → simulate, recorder. Capture opens it only for sources that tell their grippers, and then
-/// sends one message a step, before the step's frames, so that a robot can publish here beside live
-/// cameras. Simulate listens if `grippers` is among its effects.
+/// capture → simulate, recorder. Capture opens it only for sources that tell their grippers, and
+/// then sends one message a step, before the step's frames, so that a robot can publish here beside
+/// live cameras. Simulate listens if `grippers` is among its effects.
 pub const GRIPPER: Channel<Grippers> = channel("orime/gripper", lossless(16), newest_wins(4, 4));
 /// Every stage → supervisor, probes. Never holds a stage up, at any pace.
 pub const RECORD: Channel<StageRecord> = Channel {

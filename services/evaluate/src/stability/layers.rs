@@ -167,7 +167,7 @@ fn pressing<'a>(
 pub fn teleport(_seed: u64) -> Vec<Outcome> {
     let share = |frame: usize| match frame {
         0..15 => (frame + 1) as f64 * FRAME_S,
-        15..45 if frame / 5 % 2 == 0 => 0.3 / std::f64::consts::PI,
+        15..45 if (frame / 5).is_multiple_of(2) => 0.3 / std::f64::consts::PI,
         _ => 1.15,
     };
     let played = with_and_without(|| pressing(share, 0.0, 90));

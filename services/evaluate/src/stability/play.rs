@@ -183,7 +183,7 @@ pub fn play(scene: &Scene<'_>) -> Played {
             }
             substep += 1;
             contact.project(pass.before_m, pass.x_m, pass.folds);
-            if substep % (substeps / PASSES).max(1) != 0 && substep != substeps {
+            if !substep.is_multiple_of((substeps / PASSES).max(1)) && substep != substeps {
                 return;
             }
             let net = contact.truncate(&last_m, pass.x_m, pass.folds);

@@ -130,8 +130,7 @@ pub fn free_flight(_seed: u64) -> Vec<Outcome> {
 pub fn damping(_seed: u64) -> Vec<Outcome> {
     let sheet = square(25);
     let run = |kind: DampingKind, gamma: f64| {
-        let mut params = SimulateParams::default();
-        params.substep_motion_m = 0.0;
+        let mut params = SimulateParams { substep_motion_m: 0.0, ..SimulateParams::default() };
         params.damping.kind = kind;
         params.damping.time_s = (gamma * FRAME_S / 20.0).min(1.0);
         let Ok(config) = params.check() else { return "refused".to_owned() };

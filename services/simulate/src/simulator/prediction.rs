@@ -40,7 +40,7 @@ impl Simulator {
         for (kept, now) in room.kept.iter_mut().zip([&self.solver.x, &self.solver.v]) {
             kept.clone_from(now);
         }
-        room.places.count = layout.len() as u32;
+        room.places.count = layout.size() as u32;
         for (place, motion) in layout.places().zip(&self.motion_m_per_s) {
             room.places.ratio.rows_mut()[place] = hold as f32;
             for (axis, motion) in motion.iter().enumerate() {

@@ -108,7 +108,7 @@ impl Colour {
 
 /// The facets that each place belongs to, a bit per facet; none for the rows' padding.
 pub(crate) fn facets_of_place(layout: Layout, folds: &Folds) -> Vec<u32> {
-    let mut facets = vec![0; layout.len()];
+    let mut facets = vec![0; layout.size()];
     for (place, of_node) in layout.places().zip(folds.facets_of_node()) {
         facets[place] = *of_node;
     }
@@ -167,7 +167,7 @@ fn colour(
         block % 2 == parity && j < n_v && end_i < n_u && 0 <= end_j && end_j < n_v as isize
     };
     let mut chunks = Vec::new();
-    for first in (0..layout.len()).step_by(LANES) {
+    for first in (0..layout.size()).step_by(LANES) {
         let (i, j) = (first / layout.stride, first % layout.stride);
         let bits = (0..LANES).fold(0, |bits, k| bits | u16::from(is_link(i, j + k)) << k);
         // Close colours note every vector's moves, those of vectors without links too.
@@ -224,7 +224,7 @@ mod tests {
             let mut total = 0;
             let colours = links(&sheet, &LINKS, 4, false);
             for colour in &colours {
-                let mut used = vec![false; Layout::new(&sheet).len()];
+                let mut used = vec![false; Layout::new(&sheet).size()];
                 for chunk in &colour.chunks {
                     for lane in (0..LANES).filter(|lane| chunk.bits >> lane & 1 == 1) {
                         let first = chunk.first as usize + lane;

@@ -267,7 +267,7 @@ impl Solver {
 
     /// Numbers of a field that passes go through.
     pub fn len(&self) -> usize {
-        self.layout.len()
+        self.layout.size()
     }
 
     /// Bytes that an effect takes, or, for `None`, the nodes.

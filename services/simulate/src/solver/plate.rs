@@ -108,7 +108,7 @@ fn chunks(sheet: &SheetGrid, reach: [usize; 2], phase: [usize; 2]) -> Vec<LinkCh
         let bits = (0..LANES).fold(0, |bits, k| bits | u16::from(begins([i, j + k])) << k);
         LinkChunk { first: first as u32, bits, all: bits }
     };
-    let all = (0..layout.len()).step_by(LANES).map(chunk);
+    let all = (0..layout.size()).step_by(LANES).map(chunk);
     all.filter(|chunk| chunk.all != 0).collect()
 }
 
@@ -139,24 +139,24 @@ impl Pass for Flatten<'_> {
             let mut c = [V::splat(0.0); 3];
             let mut sum = V::splat(alpha);
             let mut mobile = [V::splat(1.0); POINTS];
-            for k in 0..POINTS {
+            for (k, mobile) in mobile.iter_mut().enumerate() {
                 let at = chunk.first as usize + stencils.offsets[k];
                 let factor = V::splat(stencils.factors[k]);
                 // SAFETY: sixteen numbers from `at` on lie within the fields (asserted above).
                 unsafe {
                     c = plus(c, times(load_points::<V>(now, at), factor));
                     if let Some(weight) = weight {
-                        mobile[k] = V::load(weight.as_ptr().add(at));
+                        *mobile = V::load(weight.as_ptr().add(at));
                     }
                 }
-                sum = sum.add(factor.mul(factor).mul(mobile[k]));
+                sum = sum.add(factor.mul(factor).mul(*mobile));
             }
             // Where all are pinned and nothing gives, there is nothing to share.
             let moves = sum.above(V::splat(0.0)) & chunk.bits;
             let share = V::splat(-1.0).div(sum).keep(moves);
-            for k in 0..POINTS {
+            for (k, mobile) in mobile.into_iter().enumerate() {
                 let at = chunk.first as usize + stencils.offsets[k];
-                let way = times(c, share.mul(V::splat(stencils.factors[k])).mul(mobile[k]));
+                let way = times(c, share.mul(V::splat(stencils.factors[k])).mul(mobile));
                 // SAFETY: as above. Vectors of one stencil may overlap: one after the other.
                 unsafe { store_points(plus(load_points::<V>(now, at), way), x, at) };
             }
@@ -211,10 +211,10 @@ mod tests {
             let at = |[i, j]: [usize; 2]| i * n_v + j;
             let w = |p: [usize; 2]| f64::from(weights[at(p)]);
             let sum: f64 = points.iter().map(|(p, c)| c * c * w(*p)).sum();
-            for axis in 0..3 {
-                let c: f64 = points.iter().map(|(p, c)| c * x[at(*p)][axis]).sum();
-                for (p, factor) in points {
-                    x[at(*p)][axis] -= w(*p) * factor * c / (sum + f64::from(ALPHA));
+            let c = [0, 1, 2].map(|axis| points.iter().map(|(p, c)| c * x[at(*p)][axis]).sum());
+            for (p, factor) in points {
+                for (x, c) in x[at(*p)].iter_mut().zip::<[f64; 3]>(c) {
+                    *x -= w(*p) * factor * c / (sum + f64::from(ALPHA));
                 }
             }
         };

@@ -115,18 +115,10 @@ impl Project<'_> {
                     (even, even, even)
                 };
                 let (mut sa, mut sb) = (violation, violation);
-                if DAMP == XPBD {
-                    // n·[(x₂ − x₂°) − (x₁ − x₁°)] = (|d|² − d·d°)/|d|: no motion gives exactly 0.
-                    let d_old = minus(load_points::<V>(old, b), load_points::<V>(old, a));
-                    let stretched = squared.sub(dot(d, d_old)).mul(inverse);
-                    sa = violation.add(stretched.mul(inverse.mul(V::splat(gamma))));
-                    sb = sa;
-                } else if DAMP == PAPER {
-                    let moved_a = minus(first, load_points::<V>(old, a));
-                    let moved_b = minus(second, load_points::<V>(old, b));
-                    let share = V::splat(gamma).mul(inverse).mul(inverse);
-                    sa = violation.sub(share.mul(dot(d, moved_a)));
-                    sb = violation.add(share.mul(dot(d, moved_b)));
+                if DAMP != OFF {
+                    let ends = [first, second, load_points::<V>(old, a), load_points::<V>(old, b)];
+                    (sa, sb) =
+                        damped::<V, DAMP>(violation, V::splat(gamma), squared, inverse, ends);
                 }
                 // Left out at the end, so that nothing of an idle lane gets through.
                 sa = sa.mul(share).keep(active);
@@ -168,6 +160,30 @@ fn starts(moves: &mut [Field]) -> [*mut f32; 6] {
 #[inline(always)]
 fn share_of<V: Lanes>(both: V, damping: f32, alpha: f32) -> V {
     V::splat(1.0).div(both.mul(V::splat(damping)).add(V::splat(alpha)))
+}
+
+/// The violation with what the ends' motion adds to it, for the first and the second end; `ends`
+/// are both and where they were.
+#[inline(always)]
+fn damped<V: Lanes, const DAMP: u8>(
+    violation: V,
+    gamma: V,
+    squared: V,
+    inverse: V,
+    [first, second, old_first, old_second]: [[V; 3]; 4],
+) -> (V, V) {
+    let d = minus(second, first);
+    if DAMP == XPBD {
+        // n·[(x₂ − x₂°) − (x₁ − x₁°)] = (|d|² − d·d°)/|d|: no motion gives exactly 0.
+        let d_old = minus(old_second, old_first);
+        let stretched = squared.sub(dot(d, d_old)).mul(inverse);
+        let both = violation.add(stretched.mul(inverse.mul(gamma)));
+        (both, both)
+    } else {
+        let share = gamma.mul(inverse).mul(inverse);
+        let first = violation.sub(share.mul(dot(d, minus(first, old_first))));
+        (first, violation.add(share.mul(dot(d, minus(second, old_second)))))
+    }
 }
 
 /// x ← x + (move of the link that starts here) − (move of the link that ends here).

@@ -120,7 +120,7 @@ impl Solver {
             return false;
         };
         self.width.run(Pull {
-            len: self.layout.len(),
+            len: self.layout.size(),
             way_max_m: rates.way_max_m,
             to: &targets.at_m,
             ratio: &targets.ratio,

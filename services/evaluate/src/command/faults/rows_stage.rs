@@ -133,8 +133,8 @@ pub fn slow_subscriber(bench: &Bench) -> anyhow::Result<Seen> {
         recovery_ms: 0.0,
         frames_lost: Some(0),
         what: format!(
-            "realtime: {lost} of {published} states given up and counted; lockstep: 0 lost, the same \
-             states after {paused_ms:.0} ms of pause"
+            "realtime: {lost} of {published} states given up and counted; lockstep: 0 lost, the \
+             same states after {paused_ms:.0} ms of pause"
         ),
     })
 }

@@ -333,7 +333,7 @@ impl Simulator {
         let rates = self.begin(dt_s, report);
         let Taking { contact, watch } = taking;
         #[cfg(feature = "gpu")]
-        let elsewhere = self.advance_on_gpu(&rates, report.substeps, watch);
+        let elsewhere = self.advance_on_gpu(&rates, report.substeps, contact.is_some(), watch);
         #[cfg(not(feature = "gpu"))]
         let elsewhere = false;
         if !elsewhere {

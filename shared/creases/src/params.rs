@@ -33,7 +33,7 @@ pub struct CreaseParams {
     /// Log-likelihood ratio by which a narrow bend must beat wide and smooth ones, summed over
     /// steps. Higher values are surer and later. Default 7.
     pub evidence: f64,
-    /// Bends narrower than this many spacings count as creases. Default 3.5.
+    /// Bends narrower than this many spacings count as creases. Default 2.5.
     pub bend_width: f64,
     /// Ends of a crease that lie nearer than this many spacings to a landmark (corner or middle of
     /// a facet's side, end of another crease), or as near as they are known, are put there; 0 snaps
@@ -106,7 +106,7 @@ impl Default for CreaseParams {
             angle_min_deg: 12.0,
             hits: 2,
             evidence: 7.0,
-            bend_width: 3.5,
+            bend_width: 2.5,
             snap: 0.3,
             facets_max: FACETS_MAX,
             plan: Vec::new(),
@@ -174,7 +174,7 @@ mod tests {
             mode, angle_min_deg, hits, evidence, bend_width, snap, facets_max, ..
         } = CreaseParams::default();
         assert_eq!((mode, hits, facets_max), (CreaseMode::Lines, 2, 32));
-        assert_eq!((angle_min_deg, evidence, bend_width, snap), (12.0, 7.0, 2.5, 0.0));
+        assert_eq!((angle_min_deg, evidence, bend_width, snap), (12.0, 7.0, 2.5, 0.3));
         let PaperParams { s_m2, r_div, r_fix_m2, lock, iterations } = PaperParams::default();
         assert_eq!((s_m2, r_div, r_fix_m2), (1e-6, 0.13, 6.4e-5));
         assert_eq!((lock, iterations), (Lock::Global, 20));

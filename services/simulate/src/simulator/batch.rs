@@ -87,7 +87,7 @@ impl Batch {
         let begin = |(sheet, report): (&mut Simulator, &mut SimulateReport)| {
             report.substeps = substeps;
             let rates = sheet.begin(dt_s, report);
-            (can_do(&sheet.solver, &rates), rates)
+            (can_do(&sheet.solver, &rates, false), rates)
         };
         let all: Vec<_> = self.sheets.par_iter_mut().zip(&mut reports).map(begin).collect();
         let first = all.first()?.1;

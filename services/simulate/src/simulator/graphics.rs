@@ -90,15 +90,16 @@ impl Graphics {
     }
 }
 
-/// Whether the graphics processor can do all that is awake.
-pub(super) fn can_do(solver: &Solver, rates: &Rates) -> bool {
+/// Whether the graphics processor can do all that is awake; `touches`: a caller takes part with
+/// contact.
+pub(super) fn can_do(solver: &Solver, rates: &Rates, touches: bool) -> bool {
     // The kernels know one strength for all facets.
     let facets_alike = solver.facet_shares.iter().all(|share| *share == 1.0);
     facets_alike
         && solver.anchors.is_empty()
         && solver.hinges.is_empty()
         && solver.plastic_links.is_empty()
-        && !(solver.has_contact && rates.contact_awake)
+        && !(touches && solver.has_contact && rates.contact_awake)
         && solver.damping.is_none_or(|(damp, _)| damp != Damp::Paper)
 }
 
@@ -179,11 +180,12 @@ impl Simulator {
         &mut self,
         rates: &Rates,
         substeps: u32,
+        touches: bool,
         watch: &mut Option<&mut (dyn FnMut(Part) + '_)>,
     ) -> bool {
         let Some(graphics) = &mut self.graphics else { return false };
         let solver = &mut self.solver;
-        if !can_do(solver, rates) {
+        if !can_do(solver, rates, touches) {
             return false;
         }
         let result = graphics.advance(&mut [solver], rates, substeps);

@@ -219,20 +219,21 @@ mod tests {
         (0..53).map(|k| k as f32).map(|k| [0.0007 * k, 0.001 * k.sin(), 0.001 * k.cos()]).collect()
     }
 
-    struct Once<'a>(&'a mut Candidates, &'a mut CellSums);
+    struct Once<'a>(&'a [[f32; 3]], &'a mut Candidates, &'a mut CellSums);
 
     impl Pass for Once<'_> {
         #[inline(always)]
         fn run<V: Lanes>(self) {
-            *self.1 = expect_cell(&points(), self.0, 4e-6, 0.3);
+            *self.2 = expect_cell(self.0, self.1, 4e-6, 0.3);
         }
     }
 
     #[test]
     fn every_path_gives_the_bits_of_the_portable_one() {
+        let (points, candidates) = (points(), candidates());
         let at = |width: Width| {
-            let (mut candidates, mut sums) = (candidates(), CellSums::default());
-            width.run(Once(&mut candidates, &mut sums));
+            let (mut candidates, mut sums) = (candidates.clone(), CellSums::default());
+            width.run(Once(&points, &mut candidates, &mut sums));
             let Candidates { mass, pull_x, pull_y, pull_z, .. } = candidates;
             (sums.mass, sums.squared_m2, mass, pull_x, pull_y, pull_z)
         };

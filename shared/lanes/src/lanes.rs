@@ -376,7 +376,7 @@ mod tests {
     impl Pass for Everything<'_> {
         #[inline(always)]
         fn run<V: Lanes>(self) {
-            let a: [f32; LANES] = std::array::from_fn(|k| 1e-7 * 7f32.powi(k as i32) + 0.3);
+            let a: [f32; LANES] = std::array::from_fn(|k| (0..k).fold(1e-7, |a, _| 7.0 * a) + 0.3);
             let b: [f32; LANES] = std::array::from_fn(|k| 3.7 - 0.61 * k as f32);
             let mut out = [0f32; LANES];
             // SAFETY: the arrays have sixteen numbers.

@@ -2,13 +2,9 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
+use orime_fuzz::{PIXELS_MAX, STEPS_MAX};
 use orime_geometry::RgbdFrameMut;
 use orime_recording::McapRecording;
-
-/// Steps that are read; more of them are the same.
-const STEPS_MAX: u64 = 4;
-/// Pixels of a camera that are read; more only cost memory.
-const PIXELS_MAX: usize = 1 << 22;
 
 fuzz_target!(|bytes: &[u8]| {
     let path = orime_fuzz::as_file(bytes, "mcap");

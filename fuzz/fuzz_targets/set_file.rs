@@ -1,4 +1,4 @@
-//! A text as a set file, and as each section that the stages read.
+//! A text as a set file, and its `simulate` section as that of a scene.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

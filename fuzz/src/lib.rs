@@ -1,7 +1,29 @@
 //! What the targets share: bytes as a file, bytes as numbers.
 
-use orime_geometry::{CameraModel, RgbdCamera};
+use orime_geometry::{CameraModel, RgbdCamera, RgbdFrameMut};
+use orime_recording::RealsenseRecording;
 use std::path::{Path, PathBuf};
+
+/// Steps that are read; more of them are the same.
+pub const STEPS_MAX: u64 = 4;
+/// Pixels of a camera that are read; more only cost memory.
+pub const PIXELS_MAX: usize = 1 << 22;
+
+/// Opens the bytes as a recording of the RealSense SDK and reads its frames.
+pub fn read_realsense(bytes: &[u8], ending: &str) {
+    let path = as_file(bytes, ending);
+    let Ok(mut recording) = RealsenseRecording::open(&path, None) else { return };
+    let [color, depth] = [&recording.camera().color, &recording.camera().depth]
+        .map(|lens| (lens.width as usize).saturating_mul(lens.height as usize));
+    if color.max(depth) > PIXELS_MAX {
+        return;
+    }
+    let (mut color_rgb, mut depth_units) = (vec![0; 3 * color], vec![0; depth]);
+    for step in 0..recording.steps().min(STEPS_MAX) {
+        let frame = RgbdFrameMut { color_rgb: &mut color_rgb, depth_units: &mut depth_units };
+        let _ = recording.read(step, frame);
+    }
+}
 
 /// Puts the bytes into a file of this ending, in memory where the system has such a folder. One
 /// per process, so that several fuzzers do not meet.

@@ -89,10 +89,7 @@ impl Isometry {
 
     /// Takes over other folds: no link and no row reaches across a crease.
     pub fn refold(&mut self, folds: &Folds) {
-        let mut facets = vec![0; self.layout.size()];
-        for (place, of_node) in self.layout.places().zip(folds.facets_of_node()) {
-            facets[place] = *of_node;
-        }
+        let facets = self.layout.by_place(folds.facets_of_node());
         self.links.clear();
         let node = |place: usize| {
             (place / self.layout.stride * self.layout.nodes[1] + place % self.layout.stride) as u32

@@ -298,7 +298,8 @@ impl Tracker {
             force: &self.force,
             equations: &mut self.equations,
         });
-        let mut normal = DMatrix::from_column_slice(k, k, &self.equations.normal) * temper;
+        let mut normal = DMatrix::from_column_slice(k, k, &self.equations.normal);
+        normal *= temper;
         for (j, eigenvalue) in self.basis.eigenvalues.iter().enumerate() {
             normal[(j, j)] += regularisation / eigenvalue;
         }

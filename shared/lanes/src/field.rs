@@ -39,6 +39,15 @@ impl Layout {
         (0..self.nodes[0]).flat_map(move |i| (0..self.nodes[1]).map(move |j| i * self.stride + j))
     }
 
+    /// A value per node, in the sheet's index order, to where it lies; the default in the padding.
+    pub fn by_place<T: Copy + Default>(&self, by_node: &[T]) -> Vec<T> {
+        let mut by_place = vec![T::default(); self.size()];
+        for (place, value) in self.places().zip(by_node) {
+            by_place[place] = *value;
+        }
+        by_place
+    }
+
     /// A field of zeros: a vector of room before the first row, and one after the last.
     pub fn field(&self) -> Field {
         Field(vec![Chunk([0.0; LANES]); self.size() / LANES + 2])

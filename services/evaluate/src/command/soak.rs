@@ -93,7 +93,7 @@ pub fn run(arguments: &SoakArguments) -> anyhow::Result<()> {
     let mut held: BTreeMap<String, Held> = BTreeMap::new();
     let (mut kills, mut next, mut sampled) = (Vec::new(), pause, Duration::ZERO);
     while start.elapsed() < total {
-        std::thread::sleep(Duration::from_millis(100));
+        std::thread::sleep(Duration::from_millis(100)); // Between looks.
         if start.elapsed() >= sampled {
             sampled = start.elapsed() + Duration::from_secs(1);
             sample(&mut set, &mut held)?;

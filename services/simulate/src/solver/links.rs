@@ -108,11 +108,7 @@ impl Colour {
 
 /// The facets that each place belongs to, a bit per facet; none for the rows' padding.
 pub(crate) fn facets_of_place(layout: Layout, folds: &Folds) -> Vec<u32> {
-    let mut facets = vec![0; layout.size()];
-    for (place, of_node) in layout.places().zip(folds.facets_of_node()) {
-        facets[place] = *of_node;
-    }
-    facets
+    layout.by_place(folds.facets_of_node())
 }
 
 /// What the links are made for.

@@ -41,8 +41,7 @@ use links::{Colour, Seam, Wanted, coloured, facets_of_place};
 use motion::Lowest;
 use orime_creases::Folds;
 use orime_geometry::SheetGrid;
-use orime_lanes::Width;
-use orime_lanes::{Field, Layout, scatter};
+use orime_lanes::{Field, Layout, Width, scatter};
 
 /// What pulls the nodes: places and how much.
 #[derive(Debug, Clone)]

@@ -326,7 +326,7 @@ impl Drop for Set<'_> {
             if start.elapsed() > Duration::from_secs(20) {
                 let _ = self.child.kill();
             }
-            std::thread::sleep(Duration::from_millis(100));
+            std::thread::sleep(Duration::from_millis(100)); // Between looks.
         }
     }
 }

@@ -10,7 +10,7 @@ pub(crate) struct Cloud {
     /// The cells that hold points.
     pub cells: Vec<Cell>,
     /// Camera of each point; within a cell they ascend.
-    cameras: Vec<u32>,
+    pub cameras: Vec<u32>,
     /// Cell, then camera and place in the input.
     keys: Vec<(u64, u64)>,
 }
@@ -51,19 +51,6 @@ impl Cloud {
                 start = end;
             }
         }
-    }
-
-    /// The points of a cell, camera by camera.
-    pub fn by_camera(&self, cell: Range<usize>) -> impl Iterator<Item = (u32, Range<usize>)> + '_ {
-        let mut start = cell.start;
-        std::iter::from_fn(move || {
-            let camera = *self.cameras[start..cell.end].first()?;
-            let others = self.cameras[start..cell.end].iter();
-            let end = start + others.take_while(|c| **c == camera).count();
-            let range = start..end;
-            start = end;
-            Some((camera, range))
-        })
     }
 }
 

@@ -1,244 +1,306 @@
-//! The E-step's inner kernel: one cell of observed points against its candidate components.
+//! The E-step's inner kernel: a few observed points against the blocks of components near them.
 //!
-//! Inlined into passes for AVX-512, AVX2 and the baseline. Products and sums are never fused, and
-//! every sum runs in [`LANES`] fixed lanes, so all three give the same bits.
+//! Written over [`Lanes`]: products and sums are never fused, and every sum runs in sixteen fixed
+//! lanes, so that AVX-512, AVX2 and portable code give the same bits.
 
-use orime_lanes::LANES;
+use crate::blocks::fold;
+use orime_lanes::{LANES, Lanes, dot, load_points, minus, plus, store_points, times};
 
-/// Candidate components of a cell and what the cell gives them, as arrays of which the first are
-/// in use; padding to a multiple of [`LANES`] stands so far off that its weight is zero.
+/// Points that are looked at together: what stands between the two passes stays in the cache.
+pub(crate) const POINTS: usize = 8;
+
+/// The components, in their blocks' order, and what the E-step gives them.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Candidates {
-    /// Positions relative to the cell's origin, metres.
-    pub x: Vec<f32>,
-    /// See `x`.
-    pub y: Vec<f32>,
-    /// See `x`.
-    pub z: Vec<f32>,
-    /// Prior weight of each component.
-    pub prior: Vec<f32>,
-    /// Σ p over the cell's points.
+pub(crate) struct Components {
+    /// Positions, metres.
+    pub at_m: [Vec<f32>; 3],
+    /// Σ p of each.
     pub mass: Vec<f32>,
-    /// Σ p·(point − component), metres.
-    pub pull_x: Vec<f32>,
-    /// See `pull_x`.
-    pub pull_y: Vec<f32>,
-    /// See `pull_x`.
-    pub pull_z: Vec<f32>,
+    /// Σ p·(point − component) of each, metres.
+    pub pull_m: [Vec<f32>; 3],
+    /// Weights before they are shared out, block by block, a vector per point.
     weight: Vec<f32>,
-    squared: Vec<f32>,
-    /// Components that are there, then with their padding.
-    len: usize,
+    /// Squared distances beside them, m².
+    squared_m2: Vec<f32>,
 }
 
-/// Sums of one cell over its points.
-#[derive(Debug, Default, Clone, Copy)]
-pub(crate) struct CellSums {
-    /// Σ p over points and components.
-    pub mass: f64,
+/// Up to [`POINTS`] observed points.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Points<'a> {
+    /// Positions, metres, of the first `len`.
+    pub at_m: [[f32; 3]; POINTS],
+    /// Prior weight of every component for each point.
+    pub priors: [&'a [f32]; POINTS],
+    /// How many there are.
+    pub len: usize,
+}
+
+/// What the mixture is asked with.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Shape {
+    /// σ², m².
+    pub variance_m2: f32,
+    /// `c`: weight of the outlier class beside one component's.
+    pub uniform: f32,
+}
+
+/// What some points gave.
+#[derive(Debug, Default, Clone, Copy, PartialEq)]
+pub(crate) struct Shares {
+    /// Σ p over all components, per point.
+    pub mass: [f32; POINTS],
+    /// 1/(Σ α exp(…) + c), per point.
+    inverse: [f32; POINTS],
     /// Σ p·|point − component|², m².
-    pub squared_m2: f64,
+    pub squared_m2: f32,
 }
 
-impl Candidates {
-    /// Makes room for so many components.
-    pub fn reserve(&mut self, count: usize) {
-        let len = count.next_multiple_of(LANES);
-        for column in self.columns() {
-            column.resize(len.max(column.len()), 0.0);
+impl Components {
+    /// So many components, at the origin.
+    pub fn new(places: usize) -> Self {
+        assert!(places.is_multiple_of(LANES), "whole blocks");
+        let zeros = || vec![0.0; places];
+        let room = || vec![0.0; places * POINTS];
+        Self {
+            at_m: [(); 3].map(|()| zeros()),
+            mass: zeros(),
+            pull_m: [(); 3].map(|()| zeros()),
+            weight: room(),
+            squared_m2: room(),
         }
     }
 
-    /// Forgets the last cell.
+    /// Position of a component, metres.
+    pub fn position_m(&self, place: usize) -> [f32; 3] {
+        [self.at_m[0][place], self.at_m[1][place], self.at_m[2][place]]
+    }
+
+    /// Forgets what the last E-step gave.
     pub fn clear(&mut self) {
-        self.len = 0;
+        self.mass.fill(0.0);
+        self.pull_m.iter_mut().for_each(|pull_m| pull_m.fill(0.0));
     }
 
-    /// Adds a component; there must be room for it.
+    /// Soft correspondences between points and the blocks `near` them, added to mass and pull.
+    ///
+    /// p[m,n] = α[m] exp(−|x[n]−y[m]|²/2σ²) / (Σ_k α[k] exp(−|x[n]−y[k]|²/2σ²) + c)
     #[inline(always)]
-    pub fn push(&mut self, position: [f32; 3]) {
-        self.x[self.len] = position[0];
-        self.y[self.len] = position[1];
-        self.z[self.len] = position[2];
-        self.len += 1;
-    }
-
-    /// Sets the prior weights of the components, in the order in which they were added.
-    #[inline(always)]
-    pub fn set_priors(&mut self, priors: impl Iterator<Item = f32>) {
-        for (own, prior) in self.prior.iter_mut().zip(priors) {
-            *own = prior;
+    pub fn expect<V: Lanes>(&mut self, points: &Points<'_>, near: &[u32], shape: &Shape) -> Shares {
+        let places = self.mass.len();
+        assert!(near.iter().all(|block| (*block as usize + 1) * LANES <= places));
+        assert!(points.priors[..points.len].iter().all(|priors| priors.len() == places));
+        // SAFETY: every block's places exist, here and in the priors; see also `new`.
+        unsafe {
+            let shares = self.weigh::<V>(points, near, shape);
+            self.share::<V>(points, near, shares)
         }
     }
 
-    /// Pads to a multiple of [`LANES`] and zeroes the sums; all priors are 1.
+    /// The first pass: weights, and what they add up to per point.
+    ///
+    /// # Safety
+    /// The places of `near` exist in the components and in the points' priors.
     #[inline(always)]
-    pub fn seal(&mut self) {
-        self.prior[..self.len].fill(1.0);
-        while !self.len.is_multiple_of(LANES) {
-            self.prior[self.len] = 0.0;
-            self.push([1e3; 3]);
+    unsafe fn weigh<V: Lanes>(
+        &mut self,
+        points: &Points<'_>,
+        near: &[u32],
+        shape: &Shape,
+    ) -> Shares {
+        let exponent = V::splat(-std::f32::consts::LOG2_E / (2.0 * shape.variance_m2));
+        let at_m = [self.at_m[0].as_ptr(), self.at_m[1].as_ptr(), self.at_m[2].as_ptr()];
+        let mut totals = [[0f32; LANES]; POINTS];
+        let mut to = 0;
+        for block in near {
+            let first = *block as usize * LANES;
+            // SAFETY: the caller's; as many vectors are written as blocks × points exist.
+            unsafe {
+                let y = load_points::<V>(at_m, first);
+                for n in 0..points.len {
+                    let d = minus(splat::<V>(points.at_m[n]), y);
+                    let squared = dot(d, d);
+                    let prior = V::load(points.priors[n].as_ptr().add(first));
+                    let weight = prior.mul(exp2(exponent.mul(squared)));
+                    weight.store(self.weight.as_mut_ptr().add(to));
+                    squared.store(self.squared_m2.as_mut_ptr().add(to));
+                    let total = totals[n].as_mut_ptr();
+                    V::load(total).add(weight).store(total);
+                    to += LANES;
+                }
+            }
         }
-        for sums in [&mut self.mass, &mut self.pull_x, &mut self.pull_y, &mut self.pull_z] {
-            sums[..self.len].fill(0.0);
+        let mut shares = Shares::default();
+        for n in 0..points.len {
+            let total = fold(&totals[n], |a, b| a + b);
+            shares.inverse[n] = if total > 0.0 { 1.0 / (total + shape.uniform) } else { 0.0 };
+            shares.mass[n] = total * shares.inverse[n];
         }
+        shares
     }
 
-    /// Σ of the pulls over all components, metres.
-    pub fn pull_sum(&self) -> [f32; 3] {
-        [&self.pull_x, &self.pull_y, &self.pull_z].map(|pull| pull[..self.len].iter().sum())
+    /// The second pass: shares the points out.
+    ///
+    /// # Safety
+    /// As for [`Self::weigh`], after it.
+    #[inline(always)]
+    unsafe fn share<V: Lanes>(
+        &mut self,
+        points: &Points<'_>,
+        near: &[u32],
+        mut shares: Shares,
+    ) -> Shares {
+        let at_m = [self.at_m[0].as_ptr(), self.at_m[1].as_ptr(), self.at_m[2].as_ptr()];
+        let [x, y, z] = &mut self.pull_m;
+        let pull_m = [x.as_mut_ptr(), y.as_mut_ptr(), z.as_mut_ptr()];
+        let zero = V::splat(0.0);
+        let mut squared = zero;
+        let mut from = 0;
+        for block in near {
+            let first = *block as usize * LANES;
+            // SAFETY: the caller's.
+            unsafe {
+                let y = load_points::<V>(at_m, first);
+                let (mut mass, mut pull) = (zero, [zero; 3]);
+                for n in 0..points.len {
+                    let p = V::load(self.weight.as_ptr().add(from));
+                    let p = p.mul(V::splat(shares.inverse[n]));
+                    mass = mass.add(p);
+                    pull = plus(pull, times(minus(splat::<V>(points.at_m[n]), y), p));
+                    let apart = V::load(self.squared_m2.as_ptr().add(from));
+                    squared = squared.add(p.mul(apart));
+                    from += LANES;
+                }
+                let to = self.mass.as_mut_ptr().add(first);
+                V::load(to).add(mass).store(to);
+                let before = load_points::<V>(pull_m.map(|pull_m| pull_m.cast_const()), first);
+                store_points(plus(before, pull), pull_m, first);
+            }
+        }
+        let mut lanes = [0f32; LANES];
+        // SAFETY: the array has sixteen numbers.
+        unsafe { squared.store(lanes.as_mut_ptr()) };
+        shares.squared_m2 = fold(&lanes, |a, b| a + b);
+        shares
     }
 
-    fn columns(&mut self) -> [&mut Vec<f32>; 10] {
-        [
-            &mut self.x,
-            &mut self.y,
-            &mut self.z,
-            &mut self.prior,
-            &mut self.mass,
-            &mut self.pull_x,
-            &mut self.pull_y,
-            &mut self.pull_z,
-            &mut self.weight,
-            &mut self.squared,
-        ]
+    /// Σ p·(point − component)·ray of one of the points that [`Self::expect`] has just been asked
+    /// about, metres.
+    #[inline(always)]
+    pub fn toward<V: Lanes>(
+        &self,
+        points: &Points<'_>,
+        near: &[u32],
+        shares: &Shares,
+        n: usize,
+        ray: [f32; 3],
+    ) -> f32 {
+        let places = self.mass.len();
+        assert!(n < points.len && near.iter().all(|b| (*b as usize + 1) * LANES <= places));
+        let at_m = [self.at_m[0].as_ptr(), self.at_m[1].as_ptr(), self.at_m[2].as_ptr()];
+        let mut sum = V::splat(0.0);
+        let mut lanes = [0f32; LANES];
+        // SAFETY: the places exist, and as many weights as blocks × points.
+        unsafe {
+            for (k, block) in near.iter().enumerate() {
+                let y = load_points::<V>(at_m, *block as usize * LANES);
+                let way = dot(minus(splat::<V>(points.at_m[n]), y), splat::<V>(ray));
+                let weight = V::load(self.weight.as_ptr().add((k * points.len + n) * LANES));
+                sum = sum.add(weight.mul(way));
+            }
+            sum.store(lanes.as_mut_ptr());
+        }
+        fold(&lanes, |a, b| a + b) * shares.inverse[n]
     }
 }
 
-/// Soft correspondences between the points of one cell and its candidates.
-///
-/// p[m,n] = α[m] exp(−|x[n]−y[m]|²/2σ²) / (Σ_k α[k] exp(−|x[n]−y[k]|²/2σ²) + c)
-///
-/// `points` are relative to the cell's origin, metres.
+/// A point in all lanes.
 #[inline(always)]
-pub(crate) fn expect_cell(
-    points: &[[f32; 3]],
-    candidates: &mut Candidates,
-    variance_m2: f32,
-    uniform: f32,
-) -> CellSums {
-    let n = candidates.len;
-    let Candidates { x, y, z, prior, mass, pull_x, pull_y, pull_z, weight, squared, .. } =
-        candidates;
-    // One length for all, so that no bound is checked inside the loops.
-    let (x, y, z, prior) = (&x[..n], &y[..n], &z[..n], &prior[..n]);
-    let (mass, weight, squared) = (&mut mass[..n], &mut weight[..n], &mut squared[..n]);
-    let (pull_x, pull_y, pull_z) = (&mut pull_x[..n], &mut pull_y[..n], &mut pull_z[..n]);
-    let exponent = -std::f32::consts::LOG2_E / (2.0 * variance_m2);
-    let mut sums = CellSums::default();
-    for point in points {
-        let mut total = [0f32; LANES];
-        for first in (0..n).step_by(LANES) {
-            for (lane, total) in total.iter_mut().enumerate() {
-                let k = first + lane;
-                let (dx, dy, dz) = (point[0] - x[k], point[1] - y[k], point[2] - z[k]);
-                squared[k] = dx * dx + dy * dy + dz * dz;
-                weight[k] = prior[k] * exp2(exponent * squared[k]);
-                *total += weight[k];
-            }
-        }
-        let total: f32 = fold(total);
-        let inverse = if total > 0.0 { 1.0 / (total + uniform) } else { 0.0 };
-        let mut squared_sum = [0f32; LANES];
-        for first in (0..n).step_by(LANES) {
-            for (lane, sum) in squared_sum.iter_mut().enumerate() {
-                let k = first + lane;
-                let p = weight[k] * inverse;
-                mass[k] += p;
-                pull_x[k] += p * (point[0] - x[k]);
-                pull_y[k] += p * (point[1] - y[k]);
-                pull_z[k] += p * (point[2] - z[k]);
-                *sum += p * squared[k];
-            }
-        }
-        sums.mass += f64::from(total * inverse);
-        sums.squared_m2 += f64::from(fold(squared_sum));
-    }
-    sums
-}
-
-/// Sum of the lanes, pairwise.
-#[inline(always)]
-fn fold(mut lanes: [f32; LANES]) -> f32 {
-    let mut width = LANES / 2;
-    while width > 0 {
-        for lane in 0..width {
-            lanes[lane] += lanes[lane + width];
-        }
-        width /= 2;
-    }
-    lanes[0]
+pub(crate) fn splat<V: Lanes>(point: [f32; 3]) -> [V; 3] {
+    [V::splat(point[0]), V::splat(point[1]), V::splat(point[2])]
 }
 
 /// 2^t for t ≤ 0, relative error below 1e-6; 0 below 2^-125.
 #[inline(always)]
-fn exp2(t: f32) -> f32 {
-    // Adding 1.5·2²³ rounds to an integer, which then stands in the lowest mantissa bits.
-    const ROUND: f32 = 12_582_912.0;
-    let clamped = if t > -125.0 { t } else { -125.0 };
-    let shifted = clamped + ROUND;
-    let f = clamped - (shifted - ROUND);
-    let scale =
-        f32::from_bits((shifted.to_bits().wrapping_sub(ROUND.to_bits()).wrapping_add(127)) << 23);
-    let series = 1.0
-        + f * (std::f32::consts::LN_2
-            + f * (0.240_226_5
-                + f * (0.055_504_11
-                    + f * (0.009_618_129 + f * (0.001_333_355_8 + f * 0.000_154_035_3)))));
-    let value = scale * series;
-    if t > -125.0 { value } else { 0.0 }
+fn exp2<V: Lanes>(t: V) -> V {
+    // Adding 1.5·2²³ rounds to an integer.
+    let round = V::splat(orime_lanes::ROUND);
+    let least = V::splat(-125.0);
+    let clamped = t.max(least);
+    let shifted = clamped.add(round);
+    let f = clamped.sub(shifted.sub(round));
+    let mut series = V::splat(0.000_154_035_3);
+    series = series.mul(f).add(V::splat(0.001_333_355_8));
+    series = series.mul(f).add(V::splat(0.009_618_129));
+    series = series.mul(f).add(V::splat(0.055_504_11));
+    series = series.mul(f).add(V::splat(0.240_226_5));
+    series = series.mul(f).add(V::splat(std::f32::consts::LN_2));
+    series = series.mul(f).add(V::splat(1.0));
+    series.mul(shifted.two_to()).keep(t.above(least))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use orime_lanes::{Lanes, Pass, Width};
+    use orime_lanes::{Pass, Width};
 
     #[test]
     fn exp2_is_close_everywhere() {
         for k in 0..=130_000 {
             let t = -(k as f32) / 1000.0;
-            let (found, exact) = (f64::from(exp2(t)), f64::from(t).exp2());
+            let (found, exact) = (f64::from(exp2([t; LANES])[5]), f64::from(t).exp2());
             assert!((found - exact).abs() <= 1e-6 * exact + 1e-37, "2^{t}: {found}");
         }
-        assert_eq!(exp2(f32::NEG_INFINITY), 0.0);
+        assert_eq!(exp2([f32::NEG_INFINITY; LANES])[0], 0.0);
     }
 
-    fn candidates() -> Candidates {
-        let mut candidates = Candidates::default();
-        candidates.reserve(37);
-        for k in 0..37 {
-            let k = k as f32;
-            candidates.push([0.001 * k, 0.002 * (k * 0.7).sin(), 0.001 * (k * 1.3).cos()]);
+    /// Three blocks, of which the first and the last are near.
+    fn components() -> Components {
+        let mut components = Components::new(3 * LANES);
+        for k in 0..3 * LANES {
+            let at = k as f32;
+            let position = [0.0006 * at, 0.002 * (at * 0.7).sin(), 0.001 * (at * 1.3).cos()];
+            for axis in 0..3 {
+                components.at_m[axis][k] = position[axis];
+            }
         }
-        candidates.seal();
-        candidates
+        components
     }
 
-    fn points() -> Vec<[f32; 3]> {
-        (0..53).map(|k| k as f32).map(|k| [0.0007 * k, 0.001 * k.sin(), 0.001 * k.cos()]).collect()
+    const NEAR: [u32; 2] = [0, 2];
+    const SHAPE: Shape = Shape { variance_m2: 4e-6, uniform: 0.3 };
+
+    fn priors() -> Vec<f32> {
+        (0..3 * LANES).map(|k| if k % 5 == 0 { 0.02 } else { 1.0 }).collect()
     }
 
-    struct Once<'a>(&'a [[f32; 3]], &'a mut Candidates, &'a mut CellSums);
+    fn points(priors: &[f32]) -> Points<'_> {
+        let at = |n: usize| n as f32;
+        let at_m =
+            std::array::from_fn(|n| [0.004 * at(n), 0.001 * at(n).sin(), 0.001 * at(n).cos()]);
+        Points { at_m, priors: [priors; POINTS], len: 7 }
+    }
+
+    struct Once<'a>(&'a Points<'a>, &'a mut Components, &'a mut (Shares, f32));
 
     impl Pass for Once<'_> {
         #[inline(always)]
         fn run<V: Lanes>(self) {
-            *self.2 = expect_cell(self.0, self.1, 4e-6, 0.3);
+            let shares = self.1.expect::<V>(self.0, &NEAR, &SHAPE);
+            let toward = self.1.toward::<V>(self.0, &NEAR, &shares, 2, [0.6, 0.0, 0.8]);
+            *self.2 = (shares, toward);
         }
     }
 
     #[test]
-    fn every_path_gives_the_bits_of_the_portable_one() {
-        let (points, candidates) = (points(), candidates());
+    fn every_width_gives_the_same_bits() {
+        let priors = priors();
         let at = |width: Width| {
-            let (mut candidates, mut sums) = (candidates.clone(), CellSums::default());
-            width.run(Once(&points, &mut candidates, &mut sums));
-            let Candidates { mass, pull_x, pull_y, pull_z, .. } = candidates;
-            (sums.mass, sums.squared_m2, mass, pull_x, pull_y, pull_z)
+            let (mut components, mut found) = (components(), Default::default());
+            width.run(Once(&points(&priors), &mut components, &mut found));
+            (found, components.mass, components.pull_m)
         };
         let portable = at(Width::Portable);
-        assert!(portable.0 > 1.0);
+        assert!(portable.0.0.mass.iter().sum::<f32>() > 1.0);
         for width in Width::available() {
             assert_eq!(at(width), portable, "{width:?}");
         }
@@ -246,25 +308,42 @@ mod tests {
 
     #[test]
     fn the_kernel_is_the_formula() {
-        let (points, mut found) = (points(), candidates());
-        let sums = expect_cell(&points, &mut found, 4e-6, 0.3);
-        let at = |k: usize| [found.x[k], found.y[k], found.z[k]].map(f64::from);
-        let mut mass = vec![0f64; 37];
-        let mut squared_m2 = 0.0;
-        for point in &points {
-            let squared: Vec<f64> = (0..37)
-                .map(|k| (0..3).map(|i| (f64::from(point[i]) - at(k)[i]).powi(2)).sum())
-                .collect();
-            let weight: Vec<f64> = squared.iter().map(|d| (-d / 8e-6).exp()).collect();
-            let total = weight.iter().sum::<f64>() + 0.3;
-            for ((mass, weight), squared) in mass.iter_mut().zip(&weight).zip(&squared) {
-                *mass += weight / total;
-                squared_m2 += weight / total * squared;
+        let (priors, mut found) = (priors(), components());
+        let points = points(&priors);
+        let mut given = Default::default();
+        Width::Portable.run(Once(&points, &mut found, &mut given));
+        let (shares, toward) = given;
+        let is_near = |k: usize| NEAR.contains(&((k / LANES) as u32));
+        let mut mass = vec![0f64; 3 * LANES];
+        let mut pull_x = vec![0f64; 3 * LANES];
+        let (mut squared_m2, mut toward_exact) = (0.0, 0.0);
+        for n in 0..points.len {
+            let way = |k: usize| -> [f64; 3] {
+                let y = found.position_m(k);
+                std::array::from_fn(|i| f64::from(points.at_m[n][i]) - f64::from(y[i]))
+            };
+            let squared = |k: usize| way(k).iter().map(|d| d * d).sum::<f64>();
+            let weight = |k: usize| {
+                let near = if is_near(k) { f64::from(priors[k]) } else { 0.0 };
+                near * (-squared(k) / 8e-6).exp()
+            };
+            let total = (0..3 * LANES).map(weight).sum::<f64>();
+            for k in 0..3 * LANES {
+                let p = weight(k) / (total + 0.3);
+                mass[k] += p;
+                pull_x[k] += p * way(k)[0];
+                squared_m2 += p * squared(k);
+                if n == 2 {
+                    toward_exact += p * (0.6 * way(k)[0] + 0.8 * way(k)[2]);
+                }
             }
+            assert!((f64::from(shares.mass[n]) - total / (total + 0.3)).abs() < 1e-5);
         }
-        for (found, mass) in found.mass.iter().zip(&mass) {
-            assert!((f64::from(*found) - mass).abs() < 1e-4);
+        for k in 0..3 * LANES {
+            assert!((f64::from(found.mass[k]) - mass[k]).abs() < 1e-5);
+            assert!((f64::from(found.pull_m[0][k]) - pull_x[k]).abs() < 1e-8);
         }
-        assert!((sums.squared_m2 / squared_m2 - 1.0).abs() < 1e-4);
+        assert!((f64::from(shares.squared_m2) / squared_m2 - 1.0).abs() < 1e-4);
+        assert!((f64::from(toward) - toward_exact).abs() < 1e-7);
     }
 }

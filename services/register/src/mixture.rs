@@ -1,40 +1,36 @@
-//! The sheet as a Gaussian mixture: virtual nodes between the nodes, and the E-step over cells.
+//! The sheet as a Gaussian mixture: virtual nodes between the nodes, and the E-step over them.
 
 use crate::bias::RaySums;
 use crate::blend::{Blend, Blender};
+use crate::blocks::Blocks;
 use crate::cloud::{Cell, Cloud};
-use crate::expectation::{Candidates, expect_cell};
-use crate::lookup::Lookup;
+use crate::expectation::{Components, POINTS, Points, Shape, Shares, splat};
 use crate::visibility::Visibility;
+use nalgebra::Vector3;
 use orime_creases::Folds;
 use orime_geometry::SheetGrid;
-use orime_lanes::{Lanes, Pass, Width};
+use orime_lanes::{LANES, Lanes, Pass, Width, dot, load_points, minus};
 
 /// σ beyond which a component is not asked about a point: exp(−3.5²/2) = 2e-3.
 const CUTOFF_SIGMAS: f32 = 3.5;
 
-/// Components of the mixture and what the last E-step gave them.
+/// Components of the mixture and what the last E-step gave them. All lie in the places of `blocks`.
 #[derive(Debug, Clone)]
 pub(crate) struct Mixture {
-    /// Interpolation from the sheet's nodes.
-    blends: Vec<Blend>,
+    /// Which component lies where.
+    pub blocks: Blocks,
+    /// Where they are, and what they were given.
+    pub components: Components,
     /// Material coordinates, metres.
     pub uv_m: Vec<[f32; 2]>,
+    /// Interpolation from the sheet's nodes.
+    blends: Vec<Blend>,
     fine: SheetGrid,
-    /// Positions, metres.
-    pub positions_m: Vec<[f32; 3]>,
-    /// Σ_n p per component.
-    pub mass: Vec<f64>,
-    /// Σ_n p·(x − y) per component, metres.
-    pub pull_m: Vec<[f64; 3]>,
-    /// Camera centres, world frame, metres; empty where nobody asks.
-    pub eyes_m: Vec<[f32; 3]>,
-    /// What each camera's points said in the last E-step.
-    pub rays: Vec<RaySums>,
-    lookup: Lookup,
-    candidates: Candidates,
-    members: Vec<u32>,
-    local: Vec<[f32; 3]>,
+    /// Positions before they were last placed.
+    before_m: [Vec<f32>; 3],
+    /// Prior weights where nobody knows better: 1, and 0 in places that are left over.
+    present: Vec<f32>,
+    near: Vec<u32>,
     width: Width,
 }
 
@@ -45,104 +41,6 @@ pub(crate) struct Expectation {
     pub mass: f64,
     /// Σ p·|x − y|², m².
     pub squared_m2: f64,
-}
-
-impl Mixture {
-    /// `per_cell` components per grid cell and direction.
-    pub fn new(sheet: &SheetGrid, per_cell: usize) -> Self {
-        let fine = SheetGrid::new(sheet.size_m, Self::fine_nodes(sheet, per_cell));
-        let flat = Folds::flat(sheet);
-        let blender = Blender::new(&flat);
-        let blends: Vec<Blend> = fine.uv_m().map(|uv| blender.at(uv)).collect();
-        let n = blends.len();
-        Self {
-            blends,
-            uv_m: fine.uv_m().map(|uv| uv.map(|c| c as f32)).collect(),
-            fine,
-            positions_m: vec![[0.0; 3]; n],
-            mass: vec![0.0; n],
-            pull_m: vec![[0.0; 3]; n],
-            eyes_m: Vec::new(),
-            rays: Vec::new(),
-            lookup: Lookup::default(),
-            candidates: Candidates::default(),
-            members: Vec::new(),
-            local: Vec::new(),
-            width: Width::available()[0],
-        }
-    }
-
-    /// Components along u and v.
-    pub fn fine_nodes(sheet: &SheetGrid, per_cell: usize) -> [usize; 2] {
-        sheet.nodes.map(|n| (n - 1) * per_cell + 1)
-    }
-
-    /// Mean distance of neighbouring components at rest, metres.
-    pub fn spacing_m(&self) -> f32 {
-        let [h_u, h_v] = self.fine.spacing_m();
-        (0.5 * (h_u + h_v)) as f32
-    }
-
-    /// Takes over other folds: a component is a part of the facet that it lies in.
-    pub fn refold(&mut self, blender: &Blender<'_>) {
-        for (blend, uv) in self.blends.iter_mut().zip(self.fine.uv_m()) {
-            *blend = blender.at(uv);
-        }
-    }
-
-    /// Moves the components with the sheet's nodes.
-    pub fn place(&mut self, nodes_m: &[[f32; 3]]) {
-        for (position, blend) in self.positions_m.iter_mut().zip(&self.blends) {
-            *position = blend.position_m(nodes_m);
-        }
-    }
-
-    /// Means over the components of each node's neighbourhood, weighted as they are blended:
-    /// `value` of each component to one value per node.
-    pub fn to_nodes(&self, value: impl Fn(usize) -> f32, nodes: &mut [f32]) {
-        let mut weights = vec![0f32; nodes.len()];
-        nodes.fill(0.0);
-        for (m, blend) in self.blends.iter().enumerate() {
-            let value = value(m);
-            for (node, weight) in blend.nodes.iter().zip(blend.weights) {
-                let weight = weight.max(0.0);
-                nodes[*node as usize] += weight * value;
-                weights[*node as usize] += weight;
-            }
-        }
-        for (node, weight) in nodes.iter_mut().zip(weights) {
-            *node /= weight.max(1e-6);
-        }
-    }
-
-    /// The E-step: fills `mass` and `pull_m`.
-    pub fn expect(
-        &mut self,
-        cloud: &Cloud,
-        visibility: &Visibility,
-        cell_m: f32,
-        asked: &Asked,
-    ) -> Expectation {
-        self.mass.fill(0.0);
-        self.pull_m.fill([0.0; 3]);
-        self.lookup.fill(&self.positions_m, cell_m);
-        self.rays.clear();
-        self.rays.resize(self.eyes_m.len(), RaySums::default());
-        let mut total = Expectation::default();
-        self.width.run(Expect { mixture: self, cloud, visibility, asked, total: &mut total });
-        total
-    }
-
-    /// Shares of the points within `reach_m` of a component, and of the components within
-    /// `reach_m` of a point.
-    pub fn coverage(&mut self, cloud: &Cloud, cell_m: f32, reach_m: f32) -> (f64, f64) {
-        self.lookup.fill(&self.positions_m, cell_m);
-        let mut covered = Covered { explained: 0, supported: vec![false; self.positions_m.len()] };
-        self.width.run(Cover { mixture: self, cloud, reach_m, covered: &mut covered });
-        let share = |k: usize, of: usize| k as f64 / of.max(1) as f64;
-        let supported = covered.supported.iter().filter(|s| **s).count();
-        (share(covered.explained, cloud.points_m.len()), share(supported, self.positions_m.len()))
-    }
 }
 
 /// How an E-step is done.
@@ -158,78 +56,232 @@ pub(crate) struct Asked {
     pub thinning: usize,
 }
 
+impl Mixture {
+    /// `per_cell` components per grid cell and direction.
+    pub fn new(sheet: &SheetGrid, per_cell: usize) -> Self {
+        let fine = SheetGrid::new(sheet.size_m, Self::fine_nodes(sheet, per_cell));
+        let blocks = Blocks::new(&fine);
+        let places = blocks.places();
+        let uv_m: Vec<[f32; 2]> = fine.uv_m().map(|uv| uv.map(|c| c as f32)).collect();
+        let mut mixture = Self {
+            uv_m: blocks.components.iter().map(|c| uv_m[*c as usize]).collect(),
+            blends: Vec::new(),
+            components: Components::new(places),
+            before_m: [(); 3].map(|()| vec![0.0; places]),
+            present: (0..places).map(|m| f32::from(u8::from(blocks.is_present(m)))).collect(),
+            near: Vec::new(),
+            width: Width::available()[0],
+            blocks,
+            fine,
+        };
+        mixture.refold(&Blender::new(&Folds::flat(sheet)));
+        mixture
+    }
+
+    /// Components along u and v.
+    pub fn fine_nodes(sheet: &SheetGrid, per_cell: usize) -> [usize; 2] {
+        sheet.nodes.map(|n| (n - 1) * per_cell + 1)
+    }
+
+    /// Mean distance of neighbouring components at rest, metres.
+    pub fn spacing_m(&self) -> f32 {
+        let [h_u, h_v] = self.fine.spacing_m();
+        (0.5 * (h_u + h_v)) as f32
+    }
+
+    /// Takes over other folds: a component is a part of the facet that it lies in.
+    pub fn refold(&mut self, blender: &Blender<'_>) {
+        let blends: Vec<Blend> = self.fine.uv_m().map(|uv| blender.at(uv)).collect();
+        self.blends.clear();
+        self.blends.extend(self.blocks.components.iter().map(|c| blends[*c as usize]));
+    }
+
+    /// Moves the components with the sheet's nodes.
+    pub fn place(&mut self, nodes_m: &[[f32; 3]]) {
+        std::mem::swap(&mut self.before_m, &mut self.components.at_m);
+        let [x, y, z] = &mut self.components.at_m;
+        for (m, blend) in self.blends.iter().enumerate() {
+            [x[m], y[m], z[m]] = blend.position_m(nodes_m);
+        }
+    }
+
+    /// Moves the components, and says what Σ p·|x − y|² of the last E-step becomes, m².
+    ///
+    /// Σp|x − y'|² = Σp|x − y|² − 2 Σ_m δ·Σ_n p(x − y) + Σ_m |δ|² Σ_n p, with y' = y + δ: no
+    /// large numbers are subtracted.
+    pub fn place_after(&mut self, nodes_m: &[[f32; 3]], squared_m2: f64) -> f64 {
+        self.place(nodes_m);
+        let Components { at_m, mass, pull_m, .. } = &self.components;
+        let mut lanes = [0f64; LANES];
+        for axis in 0..3 {
+            let [now, before, pull] = [&at_m[axis], &self.before_m[axis], &pull_m[axis]];
+            for first in (0..mass.len()).step_by(LANES) {
+                for (lane, sum) in lanes.iter_mut().enumerate() {
+                    let m = first + lane;
+                    let delta = f64::from(now[m] - before[m]);
+                    *sum += delta * (delta * f64::from(mass[m]) - 2.0 * f64::from(pull[m]));
+                }
+            }
+        }
+        squared_m2 + lanes.iter().sum::<f64>()
+    }
+
+    /// Means over the components of each node's neighbourhood, weighted as they are blended:
+    /// `value` of each component to one value per node.
+    pub fn to_nodes(&self, value: impl Fn(usize) -> f32, nodes: &mut [f32]) {
+        let mut weights = vec![0f32; nodes.len()];
+        nodes.fill(0.0);
+        for (m, blend) in self.blends.iter().enumerate() {
+            if !self.blocks.is_present(m) {
+                continue;
+            }
+            let value = value(m);
+            for (node, weight) in blend.nodes.iter().zip(blend.weights) {
+                let weight = weight.max(0.0);
+                nodes[*node as usize] += weight * value;
+                weights[*node as usize] += weight;
+            }
+        }
+        for (node, weight) in nodes.iter_mut().zip(weights) {
+            *node /= weight.max(1e-6);
+        }
+    }
+
+    /// The E-step: fills mass and pull of the components.
+    pub fn expect(&mut self, cloud: &Cloud, visibility: &Visibility, asked: &Asked) -> Expectation {
+        let mut total = Expectation::default();
+        self.ask(cloud, visibility, asked, None, &mut total);
+        total
+    }
+
+    /// An E-step with all points, and what each camera's say along its rays. `eyes_m`: camera
+    /// centres, world frame, metres.
+    pub fn rays(
+        &mut self,
+        cloud: &Cloud,
+        visibility: &Visibility,
+        asked: &Asked,
+        eyes_m: &[[f32; 3]],
+    ) -> Vec<RaySums> {
+        let mut sums = vec![RaySums::default(); eyes_m.len()];
+        let asked = Asked { thinning: 1, ..*asked };
+        let rays = Some((eyes_m, sums.as_mut_slice()));
+        self.ask(cloud, visibility, &asked, rays, &mut Expectation::default());
+        sums
+    }
+
+    fn ask(
+        &mut self,
+        cloud: &Cloud,
+        visibility: &Visibility,
+        asked: &Asked,
+        rays: Option<(&[[f32; 3]], &mut [RaySums])>,
+        total: &mut Expectation,
+    ) {
+        self.components.clear();
+        self.blocks.bound(&self.components.at_m);
+        self.width.run(Expect { mixture: self, cloud, visibility, asked, rays, total });
+        // Thinned points count as many times.
+        if asked.thinning > 1 {
+            let weight = asked.thinning as f32;
+            let Components { mass, pull_m: [x, y, z], .. } = &mut self.components;
+            for sums in [mass, x, y, z] {
+                sums.iter_mut().for_each(|sum| *sum *= weight);
+            }
+        }
+        total.mass *= asked.thinning as f64;
+        total.squared_m2 *= asked.thinning as f64;
+    }
+
+    /// Shares of the points within `reach_m` of a component, and of the components within
+    /// `reach_m` of a point.
+    pub fn coverage(&mut self, cloud: &Cloud, reach_m: f32) -> (f64, f64) {
+        self.blocks.bound(&self.components.at_m);
+        let mut covered = Covered { explained: 0, supported: vec![0; self.blocks.present.len()] };
+        self.width.run(Cover { mixture: self, cloud, reach_m, covered: &mut covered });
+        let supported = covered.supported.iter().zip(&self.blocks.present);
+        let supported: u32 = supported.map(|(bits, present)| (bits & present).count_ones()).sum();
+        let share = |k: usize, of: usize| k as f64 / of.max(1) as f64;
+        (
+            share(covered.explained, cloud.points_m.len()),
+            share(supported as usize, self.blocks.count()),
+        )
+    }
+}
+
 struct Expect<'a> {
     mixture: &'a mut Mixture,
     cloud: &'a Cloud,
     visibility: &'a Visibility,
     asked: &'a Asked,
+    rays: Option<(&'a [[f32; 3]], &'a mut [RaySums])>,
     total: &'a mut Expectation,
 }
 
 impl Pass for Expect<'_> {
     #[inline(always)]
     fn run<V: Lanes>(self) {
-        let Self { mixture, cloud, visibility, asked, total } = self;
+        let Self { mixture, cloud, visibility, asked, mut rays, total } = self;
         let reach_m = CUTOFF_SIGMAS * asked.sigma_m;
         let variance = f64::from(asked.sigma_m).powi(2);
-        let uniform = (asked.uniform_per_m3 * (std::f64::consts::TAU * variance).powf(1.5)) as f32;
-        let weight = asked.thinning as f64;
-        let Mixture { lookup, candidates, members, local, eyes_m, rays, mass, pull_m, .. } =
-            mixture;
-        candidates.reserve(mass.len());
+        let uniform = asked.uniform_per_m3 * (std::f64::consts::TAU * variance).powf(1.5);
+        let shape = Shape { variance_m2: variance as f32, uniform: uniform as f32 };
+        let Mixture { blocks, components, present, near, .. } = mixture;
         for Cell { points, bounds_m } in &cloud.cells {
-            if points.start.next_multiple_of(asked.thinning) >= points.end {
+            // Multiples within the whole cloud, so that cells of few points are heard too.
+            let mut next = points.start.next_multiple_of(asked.thinning);
+            if next >= points.end {
                 continue;
             }
-            let low = bounds_m.0;
-            members.clear();
-            candidates.clear();
-            lookup.near::<V>(*bounds_m, reach_m, |m, position_m| {
-                members.push(m);
-                candidates.push(position_m);
-            });
-            if members.is_empty() {
+            blocks.near::<V>(*bounds_m, reach_m, near);
+            if near.is_empty() {
                 continue;
             }
-            candidates.seal();
-            let mut before = [0f32; 3];
-            for (camera, range) in cloud.by_camera(points.clone()) {
-                match visibility.priors(camera) {
-                    Some(priors) => {
-                        candidates.set_priors(members.iter().map(|m| priors[*m as usize]));
+            while next < points.end {
+                let first = next;
+                let mut some =
+                    Points { at_m: [[0.0; 3]; POINTS], priors: [present; POINTS], len: 0 };
+                while some.len < POINTS && next < points.end {
+                    some.at_m[some.len] = cloud.points_m[next];
+                    if let Some(priors) = visibility.priors(cloud.cameras[next]) {
+                        some.priors[some.len] = priors;
                     }
-                    None => candidates.set_priors(members.iter().map(|_| 1.0)),
+                    some.len += 1;
+                    next += asked.thinning;
                 }
-                // Multiples within the whole cloud, so that cells of few points are heard too.
-                let first = range.start.next_multiple_of(asked.thinning);
-                let places = (first..range.end).step_by(asked.thinning);
-                local.clear();
-                local.extend(places.map(|n| sub(cloud.points_m[n], low)));
-                if local.is_empty() {
-                    continue;
+                let shares = components.expect::<V>(&some, near, &shape);
+                for mass in shares.mass {
+                    total.mass += f64::from(mass);
                 }
-                let sums = expect_cell(local, candidates, variance as f32, uniform);
-                total.mass += weight * sums.mass;
-                total.squared_m2 += weight * sums.squared_m2;
-                if let Some(eye) = eyes_m.get(camera as usize) {
-                    let after = candidates.pull_sum();
-                    let ray = sub(low, *eye);
-                    let toward = dot(sub(after, before), ray) / norm2(ray).sqrt();
-                    let rays = &mut rays[camera as usize];
-                    rays.mass += weight * sums.mass;
-                    rays.toward_m += weight * f64::from(toward);
-                    before = after;
-                }
-            }
-            for (k, m) in members.iter().enumerate() {
-                let m = *m as usize;
-                mass[m] += weight * f64::from(candidates.mass[k]);
-                let pull = [candidates.pull_x[k], candidates.pull_y[k], candidates.pull_z[k]];
-                for (sum, pull) in pull_m[m].iter_mut().zip(pull) {
-                    *sum += weight * f64::from(pull);
+                total.squared_m2 += f64::from(shares.squared_m2);
+                if let Some((eyes_m, sums)) = &mut rays {
+                    let cameras = &cloud.cameras[first..];
+                    add_rays::<V>(components, &some, near, &shares, cameras, eyes_m, sums);
                 }
             }
         }
+    }
+}
+
+/// Adds what some points, of these cameras, say along their cameras' rays.
+#[inline(always)]
+fn add_rays<V: Lanes>(
+    components: &Components,
+    points: &Points<'_>,
+    near: &[u32],
+    shares: &Shares,
+    cameras: &[u32],
+    eyes_m: &[[f32; 3]],
+    sums: &mut [RaySums],
+) {
+    for n in 0..points.len {
+        let camera = cameras[n] as usize;
+        let Some(eye) = eyes_m.get(camera) else { continue };
+        let ray = Vector3::from(points.at_m[n]) - Vector3::from(*eye);
+        let Some(ray) = ray.try_normalize(1e-6) else { continue };
+        let toward_m = components.toward::<V>(points, near, shares, n, ray.into());
+        sums[camera].mass += f64::from(shares.mass[n]);
+        sums[camera].toward_m += f64::from(toward_m);
     }
 }
 
@@ -237,8 +289,8 @@ impl Pass for Expect<'_> {
 struct Covered {
     /// Points near a component.
     explained: usize,
-    /// Per component: whether a point is near.
-    supported: Vec<bool>,
+    /// Per block, a bit for each component: whether a point is near.
+    supported: Vec<u16>,
 }
 
 struct Cover<'a> {
@@ -252,37 +304,34 @@ impl Pass for Cover<'_> {
     #[inline(always)]
     fn run<V: Lanes>(self) {
         let Self { mixture, cloud, reach_m, covered } = self;
-        let mut near: Vec<(u32, [f32; 3])> = Vec::new();
+        let Mixture { blocks, components, near, .. } = mixture;
+        let at_m = [0, 1, 2].map(|axis| components.at_m[axis].as_slice());
+        let reach_m2 = V::splat(reach_m * reach_m);
         for Cell { points, bounds_m } in &cloud.cells {
-            near.clear();
-            mixture
-                .lookup
-                .near::<V>(*bounds_m, reach_m, |m, position_m| near.push((m, position_m)));
+            blocks.near::<V>(*bounds_m, reach_m, near);
             for point in &cloud.points_m[points.clone()] {
-                let point = sub(*point, bounds_m.0);
-                let mut found = false;
-                for (m, position_m) in &near {
-                    if norm2(sub(point, *position_m)) < reach_m * reach_m {
-                        covered.supported[*m as usize] = true;
-                        found = true;
-                    }
+                let mut is_near = false;
+                for block in near.iter() {
+                    let first = *block as usize * LANES;
+                    let [x, y, z] = at_m;
+                    let at = [
+                        &x[first..first + LANES],
+                        &y[first..first + LANES],
+                        &z[first..first + LANES],
+                    ];
+                    // SAFETY: the slices have sixteen numbers.
+                    let at = unsafe {
+                        load_points::<V>([at[0].as_ptr(), at[1].as_ptr(), at[2].as_ptr()], 0)
+                    };
+                    let d = minus(splat::<V>(*point), at);
+                    let bits = reach_m2.above(dot(d, d));
+                    covered.supported[*block as usize] |= bits;
+                    is_near |= bits != 0;
                 }
-                covered.explained += usize::from(found);
+                covered.explained += usize::from(is_near);
             }
         }
     }
-}
-
-fn sub(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn norm2(a: [f32; 3]) -> f32 {
-    a[0] * a[0] + a[1] * a[1] + a[2] * a[2]
 }
 
 #[cfg(test)]
@@ -303,14 +352,18 @@ mod tests {
         let (sigma, uniform) = (0.004f32, 1e6);
         let all_seen = Visibility::new(&sheet);
         let asked = Asked { sigma_m: sigma, uniform_per_m3: uniform, thinning: 1 };
-        let found = mixture.expect(&cloud, &all_seen, 0.008, &asked);
+        let found = mixture.expect(&cloud, &all_seen, &asked);
 
         let variance = f64::from(sigma).powi(2);
         let constant = uniform * (std::f64::consts::TAU * variance).powf(1.5);
-        // A cell looks a little farther than the cut-off, so it lies between these two.
+        // Whole blocks look a little farther than the cut-off, so it lies between these two.
         let mass_within = |reach: f64| -> f64 {
             let explained = points.iter().map(|point| {
-                let squared = mixture.positions_m.iter().map(|y| f64::from(norm2(sub(*point, *y))));
+                let places = (0..mixture.blocks.places()).filter(|m| mixture.blocks.is_present(*m));
+                let squared = places.map(|m| {
+                    let y = mixture.components.position_m(m);
+                    (0..3).map(|k| f64::from(point[k] - y[k]).powi(2)).sum::<f64>()
+                });
                 let near = squared.filter(|d| *d < reach * reach);
                 let total: f64 = near.map(|d| (-d / (2.0 * variance)).exp()).sum();
                 total / (total + constant)
@@ -319,10 +372,30 @@ mod tests {
         };
         let least = mass_within(f64::from(CUTOFF_SIGMAS * sigma));
         let most = mass_within(f64::INFINITY);
-        assert!(most > 1.001 * least, "the cut-off shows, or this tests nothing");
+        assert!(most > 1.0002 * least, "the cut-off shows, or this tests nothing");
         assert!(least * 0.9999 < found.mass && found.mass < most * 1.0001, "{}", found.mass);
-        let components: f64 = mixture.mass.iter().sum();
+        let components: f64 = mixture.components.mass.iter().map(|m| f64::from(*m)).sum();
         assert!((components / found.mass - 1.0).abs() < 1e-5);
+        // Thinned, a part of the points stands for all.
+        let thinned = mixture.expect(&cloud, &all_seen, &Asked { thinning: 4, ..asked });
+        assert!((thinned.mass / found.mass - 1.0).abs() < 0.1, "{}", thinned.mass / found.mass);
+    }
+
+    #[test]
+    fn moving_the_components_moves_the_squares() {
+        let sheet = SheetGrid::new([0.15, 0.15], [9, 9]);
+        let mut mixture = Mixture::new(&sheet, 2);
+        mixture.place(&sheet.flat_m());
+        let mut cloud = Cloud::default();
+        cloud.fill(sheet.flat_m().iter().map(|p| ([p[0], p[1], 0.001], 0)), 0.008);
+        let asked = Asked { sigma_m: 0.004, uniform_per_m3: 1e4, thinning: 1 };
+        let found = mixture.expect(&cloud, &Visibility::new(&sheet), &asked);
+        let up: Vec<[f32; 3]> = sheet.flat_m().iter().map(|p| [p[0], p[1], 0.001]).collect();
+        let after = mixture.place_after(&up, found.squared_m2);
+        // Every distance loses its millimetre across.
+        let expected = found.squared_m2 - found.mass * 1e-6;
+        assert!((after / expected - 1.0).abs() < 1e-4, "{after} {expected}");
+        assert!(after < 0.95 * found.squared_m2);
     }
 
     #[test]
@@ -333,7 +406,7 @@ mod tests {
         let mut cloud = Cloud::default();
         let half = sheet.flat_m().into_iter().filter(|p| p[0] < -0.001);
         cloud.fill(half.chain([[0.5, 0.5, 0.5]]).map(|p| (p, 0)), 0.008);
-        let (explained, supported) = mixture.coverage(&cloud, 0.008, 0.004);
+        let (explained, supported) = mixture.coverage(&cloud, 0.004);
         assert!((explained - 55.0 / 56.0).abs() < 1e-9);
         assert!((supported - 5.0 / 11.0).abs() < 1e-9);
     }

@@ -192,7 +192,6 @@ impl Registrar {
             self.tracker.refold(folds);
         }
         self.bias.fit_to(observed.cameras);
-        self.tracker.mixture.eyes_m.clone_from(&self.bias.eyes_m);
         let bias = &mut self.bias;
         let points = self.points.iter().map(|p| (bias.corrected(p), p.camera));
         self.cloud.fill(points, self.tracker.cell_m());
@@ -217,8 +216,9 @@ impl Registrar {
         if self.params.visibility {
             self.tracker.confidence(confidence);
         }
-        if self.params.learn_depth_bias {
-            self.bias.learn(&self.tracker.mixture.rays);
+        if self.params.learn_depth_bias && fit.iterations > 0 {
+            let rays = self.tracker.rays(&self.cloud, &fit, &self.bias.eyes_m);
+            self.bias.learn(&rays);
         }
         (fit, self.score())
     }
@@ -235,9 +235,9 @@ impl Registrar {
 
     fn score(&mut self) -> Score {
         self.tracker.mixture.place(&self.nodes_m);
-        let (cell_m, side_m) = (self.tracker.cell_m(), self.tracker.side_m);
+        let side_m = self.tracker.side_m;
         let Tracker { mixture, outline, .. } = &mut self.tracker;
-        Score::of(mixture, outline, &self.nodes_m, &self.cloud, cell_m, side_m)
+        Score::of(mixture, outline, &self.nodes_m, &self.cloud, side_m)
     }
 
     /// Looks for a pose in the cloud alone and takes it if it explains clearly more.

@@ -25,10 +25,9 @@ impl Score {
         outline: &Outline,
         nodes_m: &[[f32; 3]],
         cloud: &Cloud,
-        cell_m: f32,
         side_m: f32,
     ) -> Self {
-        let (explained, supported) = mixture.coverage(cloud, cell_m, ON_SHEET * side_m);
+        let (explained, supported) = mixture.coverage(cloud, ON_SHEET * side_m);
         let outlined = outline.explained(nodes_m).unwrap_or(0.0);
         Self { explained, supported, outlined }
     }

@@ -15,6 +15,7 @@
 //! isometry projection, σ² started warm and floored, the outlier weight estimated.
 
 use crate::basis::{Basis, Corner, Equations, Expand, Reduce, corners};
+use crate::bias::RaySums;
 use crate::blend::Blender;
 use crate::cloud::{Cloud, bounds};
 use crate::isometry::Isometry;
@@ -78,7 +79,7 @@ pub(crate) struct Tracker {
     sigma_next_m: f32,
     outlier_weight: f64,
     /// Virtual nodes of the prediction.
-    start: Vec<[f32; 3]>,
+    start: [Vec<f32>; 3],
     /// Contour samples of the prediction.
     outline_start: Vec<[f32; 3]>,
     /// Σ D B over neighbouring control points: nine entries per control point.
@@ -95,19 +96,20 @@ impl Tracker {
         let controls = params.controls(sheet);
         let basis = Basis::new(sheet, controls, params.kernel_width * side_m, params.modes_max);
         let per_cell = params.virtual_per_cell(sheet);
-        let fine = Mixture::fine_nodes(sheet, per_cell);
+        let fine = corners(basis.controls, Mixture::fine_nodes(sheet, per_cell));
+        let mixture = Mixture::new(sheet, per_cell);
         Self {
             side_m: side_m as f32,
             node_corners: corners(basis.controls, sheet.nodes),
-            mixture_corners: corners(basis.controls, fine),
-            mixture: Mixture::new(sheet, per_cell),
+            mixture_corners: mixture.blocks.components.iter().map(|c| fine[*c as usize]).collect(),
+            mixture,
             outline: Outline::new(sheet, controls, per_cell),
             isometry: Isometry::new(sheet, rest_m, params.flatness),
             sigma_next_m: 0.0,
             outlier_weight: params.outlier_weight,
             visibility: Visibility::new(sheet),
             folds: Folds::flat(sheet),
-            start: Vec::new(),
+            start: Default::default(),
             outline_start: Vec::new(),
             stencil: vec![[0.0; 9]; basis.len()],
             force: vec![[0.0; 3]; basis.len()],
@@ -139,8 +141,7 @@ impl Tracker {
     /// Finds what each camera can see of the nodes, for the next [`Self::track`].
     pub fn judge_visibility(&mut self, cameras: &[RgbdCamera], nodes_m: &[[f32; 3]]) {
         self.mixture.place(nodes_m);
-        let Mixture { positions_m, uv_m, .. } = &self.mixture;
-        self.visibility.judge(cameras, nodes_m, positions_m, uv_m);
+        self.visibility.judge(cameras, nodes_m, &self.mixture);
     }
 
     /// Takes every camera to see everything.
@@ -159,26 +160,21 @@ impl Tracker {
         let mut report = TrackReport { sigma_m: self.sigma_next_m, ..TrackReport::default() };
         let predicted = nodes_m.to_vec();
         self.mixture.place(nodes_m);
-        self.start.clone_from(&self.mixture.positions_m);
+        self.start.clone_from(&self.mixture.components.at_m);
         self.outline.place(nodes_m);
         self.outline_start.clone_from(&self.outline.positions_m);
         let [sigma_min, sigma_max] = self.params.sigma_start.map(|s| s as f32 * self.side_m);
         let floor = self.params.sigma_floor as f32 * self.side_m;
         let mut sigma = (1.5 * self.sigma_next_m).clamp(sigma_min, sigma_max);
-        let components_per_m3 = self.components_per_m3(cloud);
+        let uniform_per_m3 = self.uniform_per_m3(cloud);
         let lambda = (self.params.prediction_error * f64::from(self.side_m)).powi(-2);
         let spacing_m = self.mixture.spacing_m();
         let tolerance = self.params.move_tolerance as f32 * self.side_m;
         for _ in 0..self.params.iterations_max {
-            let uniform = self.outlier_weight / (1.0 - self.outlier_weight) * components_per_m3;
             let thinning = if sigma > spacing_m { cloud.points_m.len() / THINNED } else { 1 };
-            let asked = Asked {
-                sigma_m: sigma,
-                uniform_per_m3: uniform,
-                thinning: thinning.clamp(1, THINNING_MAX),
-            };
-            let cell_m = self.cell_m();
-            let expected = self.mixture.expect(cloud, &self.visibility, cell_m, &asked);
+            let asked =
+                Asked { sigma_m: sigma, uniform_per_m3, thinning: thinning.clamp(1, THINNING_MAX) };
+            let expected = self.mixture.expect(cloud, &self.visibility, &asked);
             if expected.mass < 1.0 {
                 break; // Fewer than one point explained: there is nothing to move for.
             }
@@ -188,7 +184,9 @@ impl Tracker {
             self.gather_outline(nodes_m, report.iterations - 1, f64::from(sigma).powi(2));
             let Some(modes) = self.solve(lambda * f64::from(sigma).powi(2)) else { break };
             let largest = self.apply(&modes, &predicted, nodes_m);
-            sigma = self.sigma_after(nodes_m, expected.squared_m2, expected.mass).max(floor);
+            let squared_m2 = self.mixture.place_after(nodes_m, expected.squared_m2);
+            sigma = (squared_m2.max(0.0) / (3.0 * expected.mass)).sqrt() as f32;
+            sigma = sigma.max(floor);
             report.sigma_m = sigma;
             report.termination = Termination::IterationLimit;
             if largest < tolerance {
@@ -205,6 +203,22 @@ impl Tracker {
         report
     }
 
+    /// What each camera's points say along its rays about where the nodes are now. `eyes_m`:
+    /// camera centres, world frame, metres.
+    pub fn rays(
+        &mut self,
+        cloud: &Cloud,
+        report: &TrackReport,
+        eyes_m: &[[f32; 3]],
+    ) -> Vec<RaySums> {
+        let asked = Asked {
+            sigma_m: report.sigma_m,
+            uniform_per_m3: self.uniform_per_m3(cloud),
+            thinning: 1,
+        };
+        self.mixture.rays(cloud, &self.visibility, &asked, eyes_m)
+    }
+
     /// Mean relative change of the links' lengths.
     pub fn strain(&self, nodes_m: &[[f32; 3]]) -> f32 {
         self.isometry.strain(nodes_m).1
@@ -214,20 +228,22 @@ impl Tracker {
     /// gave its components, and whether a camera could see them.
     pub fn confidence(&self, nodes: &mut [f32]) {
         let mut seen = vec![0f32; nodes.len()];
-        self.mixture.to_nodes(|m| self.mixture.mass[m] as f32, nodes);
+        self.mixture.to_nodes(|m| self.mixture.components.mass[m], nodes);
         self.mixture.to_nodes(|m| f32::from(u8::from(self.visibility.is_seen(m))), &mut seen);
         for (node, seen) in nodes.iter_mut().zip(seen) {
             *node = *node / (*node + MASS_HALF) * seen;
         }
     }
 
-    /// Components per volume of the box in which outliers are taken to be uniform.
-    fn components_per_m3(&self, cloud: &Cloud) -> f64 {
+    /// Density of outliers relative to one component: components per volume of the box in which
+    /// outliers are taken to be uniform, times the odds that a point is one.
+    fn uniform_per_m3(&self, cloud: &Cloud) -> f64 {
         let (low, high) = bounds(&cloud.points_m);
         let margin = 0.13 * f64::from(self.side_m);
         let volume_m3: f64 =
             (0..3).map(|axis| f64::from(high[axis] - low[axis]).max(0.0) + margin).product();
-        self.visibility.owners(self.mixture.positions_m.len()) / volume_m3
+        let components_per_m3 = self.visibility.owners(self.mixture.blocks.count()) / volume_m3;
+        self.outlier_weight / (1.0 - self.outlier_weight) * components_per_m3
     }
 
     /// Carries mass and force from the virtual nodes to the control points.
@@ -235,13 +251,14 @@ impl Tracker {
         self.stencil.fill([0.0; 9]);
         self.force.fill([0.0; 3]);
         for m in 0..self.mixture_corners.len() {
-            let mass = self.mixture.mass[m];
+            let components = &self.mixture.components;
+            let mass = f64::from(components.mass[m]);
             if mass == 0.0 {
                 continue;
             }
-            let (now, start) = (self.mixture.positions_m[m], self.start[m]);
-            let pull = self.mixture.pull_m[m];
-            self.add_row(self.mixture_corners[m], now, start, mass, pull);
+            let pull = [0, 1, 2].map(|axis| f64::from(components.pull_m[axis][m]));
+            let start = [0, 1, 2].map(|axis| self.start[axis][m]);
+            self.add_row(self.mixture_corners[m], components.position_m(m), start, mass, pull);
         }
     }
 
@@ -328,24 +345,5 @@ impl Tracker {
             .zip(nodes_m.iter())
             .map(|(a, b)| (0..3).map(|axis| (b[axis] - a[axis]).powi(2)).sum::<f32>());
         moves.fold(0f32, f32::max).sqrt()
-    }
-
-    /// σ with the E-step's soft correspondences and the components where they are now.
-    ///
-    /// Σp|x − y'|² = Σp|x − y|² − 2 Σ_m δ·Σ_n p(x − y) + Σ_m |δ|² Σ_n p, with y' = y + δ: no
-    /// large numbers are subtracted.
-    fn sigma_after(&mut self, nodes_m: &[[f32; 3]], squared_m2: f64, mass: f64) -> f32 {
-        let before = self.mixture.positions_m.clone();
-        self.mixture.place(nodes_m);
-        let mut squared = squared_m2;
-        for (m, old) in before.iter().enumerate() {
-            let new = self.mixture.positions_m[m];
-            for axis in 0..3 {
-                let delta = f64::from(new[axis]) - f64::from(old[axis]);
-                squared +=
-                    delta * (delta * self.mixture.mass[m] - 2.0 * self.mixture.pull_m[m][axis]);
-            }
-        }
-        (squared.max(0.0) / (3.0 * mass)).sqrt() as f32
     }
 }

@@ -7,6 +7,7 @@
 //!
 //! Source: `../shared/design/loop.md`, `visible` in its prototype.
 
+use crate::mixture::Mixture;
 use crate::zbuffer::{EMPTY, ZBuffer, centres_m};
 use orime_geometry::{RgbdCamera, SheetGrid};
 
@@ -25,7 +26,7 @@ pub(crate) struct Visibility {
     own_m: f32,
     cameras: Vec<RgbdCamera>,
     buffers: Vec<ZBuffer>,
-    /// Per camera, one weight per component: 1 seen, [`HIDDEN`] not.
+    /// Per camera, one weight per place of a component: 1 seen, [`HIDDEN`] not, 0 left over.
     priors: Vec<Vec<f32>>,
 }
 
@@ -48,14 +49,8 @@ impl Visibility {
         self.priors.clear();
     }
 
-    /// Renders the nodes and judges the components, whose material coordinates are `uv_m`.
-    pub fn judge(
-        &mut self,
-        cameras: &[RgbdCamera],
-        nodes_m: &[[f32; 3]],
-        positions_m: &[[f32; 3]],
-        uv_m: &[[f32; 2]],
-    ) {
+    /// Renders the nodes and judges the components, which must be placed there.
+    pub fn judge(&mut self, cameras: &[RgbdCamera], nodes_m: &[[f32; 3]], mixture: &Mixture) {
         if self.cameras != cameras {
             self.cameras = cameras.to_vec();
             let buffer = |c: &RgbdCamera| ZBuffer::new(&c.depth, &c.world_from_depth(), SCALE);
@@ -65,20 +60,26 @@ impl Visibility {
         for (buffer, priors) in self.buffers.iter_mut().zip(&mut self.priors) {
             buffer.draw(nodes_m, &self.triangles);
             priors.clear();
-            for (position, uv) in positions_m.iter().zip(uv_m) {
-                let seen = buffer.project(*position).is_some_and(|[x, y, _]| {
-                    let near = |dx: i32, dy: i32| {
-                        let (triangle, _) = buffer.at(x + dx as f32, y + dy as f32);
-                        triangle != EMPTY && {
-                            let c = self.centres_m[triangle as usize];
-                            (c[0] - uv[0]).abs() < self.own_m && (c[1] - uv[1]).abs() < self.own_m
-                        }
-                    };
-                    let hits = (-1..=1)
-                        .flat_map(|dy| (-1..=1).map(move |dx| (dx, dy)))
-                        .filter(|(dx, dy)| near(*dx, *dy));
-                    hits.take(2).count() == 2
-                });
+            for (m, uv) in mixture.uv_m.iter().enumerate() {
+                if !mixture.blocks.is_present(m) {
+                    priors.push(0.0);
+                    continue;
+                }
+                let seen =
+                    buffer.project(mixture.components.position_m(m)).is_some_and(|[x, y, _]| {
+                        let near = |dx: i32, dy: i32| {
+                            let (triangle, _) = buffer.at(x + dx as f32, y + dy as f32);
+                            triangle != EMPTY && {
+                                let c = self.centres_m[triangle as usize];
+                                (c[0] - uv[0]).abs() < self.own_m
+                                    && (c[1] - uv[1]).abs() < self.own_m
+                            }
+                        };
+                        let hits = (-1..=1)
+                            .flat_map(|dy| (-1..=1).map(move |dx| (dx, dy)))
+                            .filter(|(dx, dy)| near(*dx, *dy));
+                        hits.take(2).count() == 2
+                    });
                 priors.push(if seen { 1.0 } else { HIDDEN });
             }
         }

@@ -39,8 +39,12 @@ pub trait Lanes: Copy {
     fn keep(self, bits: u16) -> Self;
     /// A bit per lane: whether it exceeds `other`'s.
     fn above(self, other: Self) -> u16;
+    /// Lanes whose bit is set from `self`, the others from `other`.
+    fn select(self, other: Self, bits: u16) -> Self;
     /// `magic − bits/2`, the first guess at an inverse root.
     fn root_guess(self) -> Self;
+    /// 2^k where `self` is k + [`ROUND`] for a whole k of −126 to 127.
+    fn two_to(self) -> Self;
 
     /// 1/√x for positive, normal x, to 2 units in the last place.
     #[inline(always)]
@@ -55,6 +59,11 @@ pub trait Lanes: Copy {
 }
 
 const GUESS: i32 = 0x5f37_59df;
+
+/// 1.5·2²³: a sum with it is rounded to a whole number, which then stands in its lowest bits.
+pub const ROUND: f32 = 12_582_912.0;
+/// What turns those bits into an exponent's.
+const EXPONENT: i32 = 127 - ROUND.to_bits() as i32;
 
 impl Lanes for [f32; LANES] {
     #[inline(always)]
@@ -102,6 +111,14 @@ impl Lanes for [f32; LANES] {
     #[inline(always)]
     fn above(self, other: Self) -> u16 {
         (0..LANES).fold(0, |bits, k| bits | u16::from(self[k] > other[k]) << k)
+    }
+    #[inline(always)]
+    fn select(self, other: Self, bits: u16) -> Self {
+        std::array::from_fn(|k| if bits >> k & 1 == 1 { self[k] } else { other[k] })
+    }
+    #[inline(always)]
+    fn two_to(self) -> Self {
+        self.map(|x| f32::from_bits(((x.to_bits() as i32).wrapping_add(EXPONENT) << 23) as u32))
     }
     #[inline(always)]
     fn root_guess(self) -> Self {
@@ -160,6 +177,19 @@ impl Lanes for Avx512 {
     fn above(self, other: Self) -> u16 {
         // SAFETY: values of this type are only made where AVX-512 was detected.
         unsafe { _mm512_cmp_ps_mask::<_CMP_GT_OQ>(self.0, other.0) }
+    }
+    #[inline(always)]
+    fn select(self, other: Self, bits: u16) -> Self {
+        // SAFETY: values of this type are only made where AVX-512 was detected.
+        Self(unsafe { _mm512_mask_mov_ps(other.0, bits, self.0) })
+    }
+    #[inline(always)]
+    fn two_to(self) -> Self {
+        // SAFETY: values of this type are only made where AVX-512 was detected.
+        unsafe {
+            let k = _mm512_add_epi32(_mm512_castps_si512(self.0), _mm512_set1_epi32(EXPONENT));
+            Self(_mm512_castsi512_ps(_mm512_slli_epi32::<23>(k)))
+        }
     }
     #[inline(always)]
     fn root_guess(self) -> Self {
@@ -221,12 +251,28 @@ impl Lanes for Avx2 {
     fn keep(self, bits: u16) -> Self {
         // SAFETY: values of this type are only made where AVX2 was detected.
         unsafe {
-            let lane = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
-            let low = _mm256_and_si256(_mm256_set1_epi32(i32::from(bits)), lane);
-            let high = _mm256_and_si256(_mm256_set1_epi32(i32::from(bits >> 8)), lane);
-            let low = _mm256_castsi256_ps(_mm256_cmpeq_epi32(low, lane));
-            let high = _mm256_castsi256_ps(_mm256_cmpeq_epi32(high, lane));
+            let [low, high] = masks(bits);
             Self([_mm256_and_ps(self.0[0], low), _mm256_and_ps(self.0[1], high)])
+        }
+    }
+    #[inline(always)]
+    fn select(self, other: Self, bits: u16) -> Self {
+        // SAFETY: values of this type are only made where AVX2 was detected.
+        unsafe {
+            let [low, high] = masks(bits);
+            let ([a, b], [c, d]) = (self.0, other.0);
+            Self([_mm256_blendv_ps(c, a, low), _mm256_blendv_ps(d, b, high)])
+        }
+    }
+    #[inline(always)]
+    fn two_to(self) -> Self {
+        // SAFETY: values of this type are only made where AVX2 was detected.
+        unsafe {
+            let exponent = _mm256_set1_epi32(EXPONENT);
+            let low = _mm256_add_epi32(_mm256_castps_si256(self.0[0]), exponent);
+            let high = _mm256_add_epi32(_mm256_castps_si256(self.0[1]), exponent);
+            let low = _mm256_castsi256_ps(_mm256_slli_epi32::<23>(low));
+            Self([low, _mm256_castsi256_ps(_mm256_slli_epi32::<23>(high))])
         }
     }
     #[inline(always)]
@@ -248,6 +294,23 @@ impl Lanes for Avx2 {
             let low = _mm256_castsi256_ps(_mm256_sub_epi32(guess, low));
             Self([low, _mm256_castsi256_ps(_mm256_sub_epi32(guess, high))])
         }
+    }
+}
+
+/// All bits of the lanes whose bit is set.
+///
+/// # Safety
+/// There must be AVX2.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+unsafe fn masks(bits: u16) -> [__m256; 2] {
+    // SAFETY: the caller's.
+    unsafe {
+        let lane = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
+        let low = _mm256_and_si256(_mm256_set1_epi32(i32::from(bits)), lane);
+        let high = _mm256_and_si256(_mm256_set1_epi32(i32::from(bits >> 8)), lane);
+        let low = _mm256_castsi256_ps(_mm256_cmpeq_epi32(low, lane));
+        [low, _mm256_castsi256_ps(_mm256_cmpeq_epi32(high, lane))]
     }
 }
 
@@ -389,7 +452,9 @@ mod tests {
                 a.min(b),
                 a.max(b),
                 a.keep(0b1010_0110_1111_0001),
+                a.select(b, 0b0110_0101_1000_1110),
                 a.inverse_sqrt(),
+                b.add(V::splat(ROUND)).two_to(),
                 V::splat(0.1).mul(b),
             ];
             for result in results {
@@ -405,11 +470,18 @@ mod tests {
     fn every_width_gives_the_same_bits() {
         let mut portable = Vec::new();
         Width::Portable.run(Everything(&mut portable));
-        assert_eq!(portable.len(), 9 * LANES + 1);
+        assert_eq!(portable.len(), 11 * LANES + 1);
         for width in Width::available() {
             let mut bits = Vec::new();
             width.run(Everything(&mut bits));
             assert_eq!(bits, portable, "{width:?}");
+        }
+    }
+
+    #[test]
+    fn powers_of_two_are_exact() {
+        for k in -126..=127 {
+            assert_eq!(Lanes::two_to([ROUND + k as f32; LANES])[7], (k as f32).exp2());
         }
     }
 

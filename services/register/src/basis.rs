@@ -68,19 +68,14 @@ pub(crate) struct Equations {
     pub normal: Vec<f64>,
     /// Qᵀ F, one column per axis.
     pub right: [Vec<f64>; 3],
+    /// S Q, a row of K numbers, padded, per control point.
     spread: Vec<f64>,
+    /// Q, padded as well.
+    modes: Vec<f64>,
 }
 
-impl Equations {
-    /// Zeros for K modes.
-    pub fn reset(&mut self, k: usize) {
-        let Self { normal, right: [x, y, z], spread } = self;
-        for (numbers, len) in [(normal, k * k), (x, k), (y, k), (z, k), (spread, k)] {
-            numbers.clear();
-            numbers.resize(len, 0.0);
-        }
-    }
-}
+/// Rows and columns of the normal equations that are summed up together.
+const TILE: [usize; 2] = [8, 4];
 
 /// Adds up the normal equations.
 pub(crate) struct Reduce<'a> {
@@ -98,26 +93,68 @@ impl Pass for Reduce<'_> {
     #[inline(always)]
     fn run<V: Lanes>(self) {
         let Self { basis, stencil, force, equations } = self;
-        let Equations { normal, right, spread } = equations;
-        let k = spread.len();
+        let Equations { normal, right, spread, modes } = equations;
+        let k = basis.eigenvalues.len();
+        let padded = k.next_multiple_of(TILE[0]);
+        for numbers in [&mut *spread, &mut *modes] {
+            numbers.clear();
+            numbers.resize(padded * basis.len(), 0.0);
+        }
+        for numbers in right.iter_mut() {
+            numbers.clear();
+            numbers.resize(k, 0.0);
+        }
         let stride = basis.controls[1] as isize;
-        for a in 0..basis.len() {
+        for (a, (spread, modes)) in
+            spread.chunks_exact_mut(padded).zip(modes.chunks_exact_mut(padded)).enumerate()
+        {
             let row = basis.row(a);
-            for (right, force) in right.iter_mut().zip(force[a]) {
-                add(right, force, row);
+            modes[..k].copy_from_slice(row);
+            for axis in 0..3 {
+                add(&mut right[axis], force[a][axis], row);
             }
-            spread.fill(0.0);
             for (place, weight) in stencil[a].iter().enumerate() {
                 if *weight != 0.0 {
                     let (di, dj) = (place as isize / 3 - 1, place as isize % 3 - 1);
-                    add(spread, *weight, basis.row((a as isize + di * stride + dj) as usize));
+                    let other = basis.row((a as isize + di * stride + dj) as usize);
+                    add(&mut spread[..k], *weight, other);
                 }
             }
-            for (j, spread) in spread.iter().enumerate() {
-                add(&mut normal[j * k + j..(j + 1) * k], *spread, &row[j..]);
+        }
+        normal.clear();
+        normal.resize(k * k, 0.0);
+        for column in (0..k).step_by(TILE[1]) {
+            for row in (column / TILE[0] * TILE[0]..k).step_by(TILE[0]) {
+                let tile = tile(modes, spread, padded, row, column);
+                for (j, sums) in tile.iter().enumerate().take(k - column) {
+                    for (i, sum) in sums.iter().enumerate().take(k - row) {
+                        normal[(column + j) * k + row + i] = *sum;
+                    }
+                }
             }
         }
     }
+}
+
+/// Σ_a spread[a, column + j]·modes[a, row + i].
+#[inline(always)]
+fn tile(
+    modes: &[f64],
+    spread: &[f64],
+    padded: usize,
+    row: usize,
+    column: usize,
+) -> [[f64; TILE[0]]; TILE[1]] {
+    let mut sums = [[0.0; TILE[0]]; TILE[1]];
+    for (modes, spread) in modes.chunks_exact(padded).zip(spread.chunks_exact(padded)) {
+        let (modes, spread) = (&modes[row..row + TILE[0]], &spread[column..column + TILE[1]]);
+        for j in 0..TILE[1] {
+            for i in 0..TILE[0] {
+                sums[j][i] += spread[j] * modes[i];
+            }
+        }
+    }
+    sums
 }
 
 /// Moves the control points by the modes.
@@ -133,9 +170,12 @@ pub(crate) struct Expand<'a> {
 impl Pass for Expand<'_> {
     #[inline(always)]
     fn run<V: Lanes>(self) {
+        // Loops, not closures: those would be compiled without the vectors.
         for (a, moved) in self.moved.iter_mut().enumerate() {
             let row = self.basis.row(a);
-            *moved = [0, 1, 2].map(|axis| product(self.modes[axis].as_slice(), row) as f32);
+            for axis in 0..3 {
+                moved[axis] = product(self.modes[axis].as_slice(), row) as f32;
+            }
         }
     }
 }
@@ -152,12 +192,18 @@ fn add(sum: &mut [f64], weight: f64, row: &[f64]) {
 #[inline(always)]
 fn product(a: &[f64], b: &[f64]) -> f64 {
     let mut lanes = [0.0; 8];
-    for (a, b) in a.chunks(8).zip(b.chunks(8)) {
-        for ((lane, a), b) in lanes.iter_mut().zip(a).zip(b) {
-            *lane += a * b;
+    let whole = a.len() / 8 * 8;
+    for first in (0..whole).step_by(8) {
+        let (a, b) = (&a[first..first + 8], &b[first..first + 8]);
+        for k in 0..8 {
+            lanes[k] += a[k] * b[k];
         }
     }
-    lanes.iter().sum()
+    for k in whole..a.len() {
+        lanes[k - whole] += a[k] * b[k];
+    }
+    ((lanes[0] + lanes[4]) + (lanes[2] + lanes[6]))
+        + ((lanes[1] + lanes[5]) + (lanes[3] + lanes[7]))
 }
 
 /// Bilinear interpolation from a grid of `from` points to one of `to` points over the same sheet.

@@ -11,6 +11,7 @@ mod basis;
 mod bias;
 mod blend;
 mod blocks;
+mod carry;
 mod cloud;
 mod expectation;
 mod features;

@@ -63,7 +63,7 @@ pub struct RegisterParams {
     /// Spacing of the control points, fraction of the sheet, rounded to grid cells. Default 0.083
     /// (13 × 13).
     pub control_spacing: f64,
-    /// Eigenvectors of the kernel that may move, at most. Default 80.
+    /// Eigenvectors of the kernel that may move, at most. Default 48.
     pub modes_max: usize,
     /// Sweeps of the isometry projection in every iteration; 0 lets the model stretch.
     /// Default 10.
@@ -109,7 +109,7 @@ impl Default for RegisterParams {
             outlier_weight: 0.05,
             virtual_spacing: 0.021,
             control_spacing: 0.083,
-            modes_max: 80,
+            modes_max: 48,
             isometry_sweeps: 10,
             flatness: 0.2,
             points_max: 2000,

@@ -17,6 +17,7 @@
 use crate::basis::{Basis, Corner, Equations, Expand, Reduce, corners};
 use crate::bias::RaySums;
 use crate::blend::Blender;
+use crate::carry::{Carry, Gathered};
 use crate::cloud::{Cloud, bounds};
 use crate::isometry::Isometry;
 use crate::mixture::{Asked, Mixture};
@@ -68,7 +69,6 @@ pub(crate) struct Tracker {
     pub side_m: f32,
     basis: Basis,
     node_corners: Vec<Corner>,
-    mixture_corners: Vec<Corner>,
     pub mixture: Mixture,
     /// The contour of the frame set to be tracked; filled by the caller.
     pub outline: Outline,
@@ -82,9 +82,8 @@ pub(crate) struct Tracker {
     start: [Vec<f32>; 3],
     /// Contour samples of the prediction.
     outline_start: Vec<[f32; 3]>,
-    /// Σ D B over neighbouring control points: nine entries per control point.
-    stencil: Vec<[f64; 9]>,
-    force: Vec<[f64; 3]>,
+    carry: Carry,
+    gathered: Gathered,
     moved: Vec<[f32; 3]>,
     equations: Equations,
     width: Width,
@@ -98,11 +97,11 @@ impl Tracker {
         let per_cell = params.virtual_per_cell(sheet);
         let fine = corners(basis.controls, Mixture::fine_nodes(sheet, per_cell));
         let mixture = Mixture::new(sheet, per_cell);
+        let of_place = |c: &u32| fine[*c as usize];
+        let mixture_corners: Vec<Corner> = mixture.blocks.components.iter().map(of_place).collect();
         Self {
             side_m: side_m as f32,
             node_corners: corners(basis.controls, sheet.nodes),
-            mixture_corners: mixture.blocks.components.iter().map(|c| fine[*c as usize]).collect(),
-            mixture,
             outline: Outline::new(sheet, controls, per_cell),
             isometry: Isometry::new(sheet, rest_m, params.flatness),
             sigma_next_m: 0.0,
@@ -111,12 +110,13 @@ impl Tracker {
             folds: Folds::flat(sheet),
             start: Default::default(),
             outline_start: Vec::new(),
-            stencil: vec![[0.0; 9]; basis.len()],
-            force: vec![[0.0; 3]; basis.len()],
+            carry: Carry::new(&mixture.blocks, &mixture_corners, basis.controls[1]),
+            gathered: Gathered::default(),
             moved: vec![[0.0; 3]; basis.len()],
             equations: Equations::default(),
             width: Width::available()[0],
             basis,
+            mixture,
             params: params.clone(),
         }
     }
@@ -180,7 +180,8 @@ impl Tracker {
             }
             report.iterations += 1;
             report.inlier_ratio = (expected.mass / cloud.points_m.len() as f64) as f32;
-            self.gather();
+            self.gathered.clear(self.basis.len());
+            self.carry.gather(&self.mixture.components, &self.start, &mut self.gathered);
             self.gather_outline(nodes_m, report.iterations - 1, f64::from(sigma).powi(2));
             let Some(modes) = self.solve(lambda * f64::from(sigma).powi(2)) else { break };
             let largest = self.apply(&modes, &predicted, nodes_m);
@@ -246,61 +247,22 @@ impl Tracker {
         self.outlier_weight / (1.0 - self.outlier_weight) * components_per_m3
     }
 
-    /// Carries mass and force from the virtual nodes to the control points.
-    fn gather(&mut self) {
-        self.stencil.fill([0.0; 9]);
-        self.force.fill([0.0; 3]);
-        for m in 0..self.mixture_corners.len() {
-            let components = &self.mixture.components;
-            let mass = f64::from(components.mass[m]);
-            if mass == 0.0 {
-                continue;
-            }
-            let pull = [0, 1, 2].map(|axis| f64::from(components.pull_m[axis][m]));
-            let start = [0, 1, 2].map(|axis| self.start[axis][m]);
-            self.add_row(self.mixture_corners[m], components.position_m(m), start, mass, pull);
-        }
-    }
-
-    /// Adds the contour's rows to what [`Self::gather`] collected. They are not tempered: edgels
-    /// err less together than depth pixels do.
+    /// Adds the contour's rows to what the mixture gave. They are not tempered: edgels err less
+    /// together than depth pixels do.
     fn gather_outline(&mut self, nodes_m: &[[f32; 3]], iteration: u32, variance_m2: f64) {
         if self.outline.is_empty() {
             return;
         }
         self.outline.matched(nodes_m, iteration, variance_m2);
-        for k in 0..self.outline.rows.len() {
-            let row = self.outline.rows[k];
+        for row in &self.outline.rows {
             let weight = row.weight * self.params.outline_weight / self.params.temper;
             let corner = self.outline.samples[row.sample].corner;
             let (now, start) =
                 (self.outline.positions_m[row.sample], self.outline_start[row.sample]);
-            self.add_row(corner, now, start, weight, row.offset_m.map(|offset| offset * weight));
-        }
-    }
-
-    /// One material point with a weight and Σ weight·(target − where it is now).
-    fn add_row(
-        &mut self,
-        corner: Corner,
-        now: [f32; 3],
-        start: [f32; 3],
-        mass: f64,
-        pull: [f64; 3],
-    ) {
-        // Place of corner `b` in the nine neighbours of corner `a`; row major, own place 4.
-        const PLACE: [[usize; 4]; 4] = [[4, 5, 7, 8], [3, 4, 6, 7], [1, 2, 4, 5], [0, 1, 3, 4]];
-        let stride = self.basis.controls[1];
-        let force = [0, 1, 2]
-            .map(|axis| pull[axis] + mass * (f64::from(now[axis]) - f64::from(start[axis])));
-        for (a, control) in corner.indices(stride).into_iter().enumerate() {
-            let weight = f64::from(corner.weights[a]);
-            for (sum, force) in self.force[control].iter_mut().zip(force) {
-                *sum += weight * force;
-            }
-            for (place, other) in PLACE[a].into_iter().zip(corner.weights) {
-                self.stencil[control][place] += weight * f64::from(other) * mass;
-            }
+            let force = [0, 1, 2].map(|axis| {
+                weight * (row.offset_m[axis] + f64::from(now[axis]) - f64::from(start[axis]))
+            });
+            self.gathered.add(corner, self.basis.controls[1], weight, force);
         }
     }
 
@@ -308,11 +270,10 @@ impl Tracker {
     fn solve(&mut self, regularisation: f64) -> Option<[DVector<f64>; 3]> {
         let k = self.basis.eigenvalues.len();
         let temper = self.params.temper;
-        self.equations.reset(k);
         self.width.run(Reduce {
             basis: &self.basis,
-            stencil: &self.stencil,
-            force: &self.force,
+            stencil: &self.gathered.stencil,
+            force: &self.gathered.force,
             equations: &mut self.equations,
         });
         let mut normal = DMatrix::from_column_slice(k, k, &self.equations.normal);

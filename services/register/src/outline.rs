@@ -33,7 +33,8 @@ use view::View;
 const SIGMA_PX: f64 = 1.0;
 /// Widest match along the normal: in the first iterations, and later, pixels.
 const REACH_PX: [f64; 2] = [12.0, 6.0];
-/// Iterations at which silhouettes are looked for anew; from the second on, matches are narrow.
+/// Iterations at which silhouettes are looked for, the second time where the sheet has moved in
+/// the image; from then on, matches are narrow.
 const CLASSIFY_AT: [u32; 2] = [0, 4];
 /// An edgel this close to the projected border lies on it, pixels.
 const ON_BORDER_PX: f64 = 6.0;
@@ -158,8 +159,8 @@ impl Outline {
         self.rows.clear();
         let reach_px = REACH_PX[usize::from(iteration >= CLASSIFY_AT[1])];
         for view in &mut self.views {
-            if CLASSIFY_AT.contains(&iteration) {
-                view.classify(&self.samples, nodes_m, &self.triangles);
+            if iteration == CLASSIFY_AT[0] || iteration == CLASSIFY_AT[1] && view.has_moved() {
+                view.classify(&self.samples, nodes_m, &self.triangles, &self.edgels);
             }
             for k in 0..view.silhouettes.len() {
                 let silhouette = view.silhouettes[k];
@@ -169,8 +170,7 @@ impl Outline {
                 else {
                     continue;
                 };
-                let Some(offset_px) = view.nearest(pixel, &silhouette, &self.edgels, reach_px)
-                else {
+                let Some(offset_px) = view.nearest(k, pixel, &self.edgels, reach_px) else {
                     continue;
                 };
                 let huber = (2.0 * SIGMA_PX / offset_px.abs()).min(1.0);

@@ -2,9 +2,13 @@
 
 use nalgebra::{Isometry3, Point3, Vector2};
 use orime_geometry::{CameraModel, SheetGrid};
+use orime_lanes::{LANES, Lanes, Pass, Width};
 
 /// No triangle covers this pixel.
 pub(crate) const EMPTY: u32 = u32::MAX;
+
+/// What stands for [`EMPTY`] in the image.
+const NONE: f32 = -1.0;
 
 /// Inverse depth and triangle per pixel.
 #[derive(Debug, Clone)]
@@ -15,13 +19,15 @@ pub(crate) struct ZBuffer {
     scale: f64,
     pub width: usize,
     pub height: usize,
-    /// 1/z, 1/m; 0 where empty.
+    /// 1/z, 1/m; 0 where empty. A vector of room behind, as `triangle`.
     inverse_depth: Vec<f32>,
-    triangle: Vec<u32>,
+    /// Index of the front triangle, as a number; [`NONE`] where empty.
+    triangle: Vec<f32>,
     /// Projected nodes: column, row, 1/z; NaN where not in front of the camera.
     projected: Vec<[f32; 3]>,
     /// Rows and columns that were drawn to and must be cleared.
     drawn: [usize; 4],
+    lanes: Width,
 }
 
 impl ZBuffer {
@@ -35,8 +41,9 @@ impl ZBuffer {
             scale,
             width,
             height,
-            inverse_depth: vec![0.0; width * height],
-            triangle: vec![EMPTY; width * height],
+            inverse_depth: vec![0.0; width * height + LANES],
+            triangle: vec![NONE; width * height + LANES],
+            lanes: Width::available()[0],
             projected: Vec::new(),
             drawn: [0; 4],
         }
@@ -50,12 +57,7 @@ impl ZBuffer {
             let projected = self.project(*node);
             self.projected.push(projected.unwrap_or([f32::NAN; 3]));
         }
-        let mut drawn = [self.height, 0, self.width, 0];
-        for (index, corners) in triangles.iter().enumerate() {
-            let p = corners.map(|node| self.projected[node as usize]);
-            self.fill(index as u32, p, &mut drawn);
-        }
-        self.drawn = drawn;
+        self.lanes.run(Draw { buffer: self, triangles });
     }
 
     /// Column, row and 1/z of a world point; `None` behind the camera.
@@ -73,7 +75,8 @@ impl ZBuffer {
             return (EMPTY, 0.0);
         }
         let at = y as usize * self.width + x as usize;
-        (self.triangle[at], self.inverse_depth[at])
+        let triangle = self.triangle[at];
+        (if triangle < 0.0 { EMPTY } else { triangle as u32 }, self.inverse_depth[at])
     }
 
     /// Whether a pixel lies in the image.
@@ -86,58 +89,105 @@ impl ZBuffer {
         let [top, bottom, left, right] = self.drawn;
         for y in top..bottom {
             self.inverse_depth[y * self.width + left..y * self.width + right].fill(0.0);
-            self.triangle[y * self.width + left..y * self.width + right].fill(EMPTY);
+            self.triangle[y * self.width + left..y * self.width + right].fill(NONE);
         }
         self.drawn = [0; 4];
     }
+}
 
-    /// Fills one triangle: 1/z is linear in the image.
-    fn fill(&mut self, index: u32, p: [[f32; 3]; 3], drawn: &mut [usize; 4]) {
-        let area =
-            (p[1][0] - p[0][0]) * (p[2][1] - p[0][1]) - (p[2][0] - p[0][0]) * (p[1][1] - p[0][1]);
-        if area.is_nan() || area.abs() <= 1e-6 {
-            return;
+/// Draws all triangles, up to sixteen pixels of a row at a time.
+struct Draw<'a> {
+    buffer: &'a mut ZBuffer,
+    triangles: &'a [[u32; 3]],
+}
+
+impl Pass for Draw<'_> {
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let ZBuffer { width, height, inverse_depth, triangle, projected, .. } = self.buffer;
+        let mut drawn = [*height, 0, *width, 0];
+        let mut image = Image { size: [*width, *height], inverse_depth, triangle };
+        for (index, corners) in self.triangles.iter().enumerate() {
+            let [a, b, c] = *corners;
+            let p = [projected[a as usize], projected[b as usize], projected[c as usize]];
+            fill::<V>(&mut image, index as f32, p, &mut drawn);
         }
-        let least = |axis: usize| p[0][axis].min(p[1][axis]).min(p[2][axis]);
-        let most = |axis: usize| p[0][axis].max(p[1][axis]).max(p[2][axis]);
-        let range = |axis: usize, size: usize| {
-            let first = least(axis).ceil().max(0.0) as usize;
-            first..((most(axis).floor() + 1.0).max(0.0) as usize).min(size)
-        };
-        let (columns, rows) = (range(0, self.width), range(1, self.height));
-        if columns.is_empty() || rows.is_empty() {
-            return;
-        }
-        *drawn = [
-            drawn[0].min(rows.start),
-            drawn[1].max(rows.end),
-            drawn[2].min(columns.start),
-            drawn[3].max(columns.end),
-        ];
-        // Barycentric weights of corners 1 and 2, linear in column and row.
-        let inverse = 1.0 / area;
-        let b_x = (p[2][1] - p[0][1]) * inverse;
-        let b_y = -(p[2][0] - p[0][0]) * inverse;
-        let c_x = -(p[1][1] - p[0][1]) * inverse;
-        let c_y = (p[1][0] - p[0][0]) * inverse;
-        let (w_b, w_c) = (p[1][2] - p[0][2], p[2][2] - p[0][2]);
-        const EDGE: f32 = -1e-5;
-        for y in rows {
-            let dy = y as f32 - p[0][1];
-            for x in columns.clone() {
-                let dx = x as f32 - p[0][0];
-                let (b, c) = (b_x * dx + b_y * dy, c_x * dx + c_y * dy);
-                if b >= EDGE && c >= EDGE && b + c <= 1.0 - EDGE {
-                    let inverse_depth = p[0][2] + b * w_b + c * w_c;
-                    let at = y * self.width + x;
-                    if inverse_depth > self.inverse_depth[at] {
-                        self.inverse_depth[at] = inverse_depth;
-                        self.triangle[at] = index;
-                    }
-                }
+        self.buffer.drawn = drawn;
+    }
+}
+
+/// What is drawn to.
+struct Image<'a> {
+    size: [usize; 2],
+    inverse_depth: &'a mut [f32],
+    triangle: &'a mut [f32],
+}
+
+/// Fills one triangle: 1/z is linear in the image.
+#[inline(always)]
+fn fill<V: Lanes>(image: &mut Image<'_>, index: f32, p: [[f32; 3]; 3], drawn: &mut [usize; 4]) {
+    let area =
+        (p[1][0] - p[0][0]) * (p[2][1] - p[0][1]) - (p[2][0] - p[0][0]) * (p[1][1] - p[0][1]);
+    if area.is_nan() || area.abs() <= 1e-6 {
+        return;
+    }
+    let [columns, rows] = [range(&p, 0, image.size[0]), range(&p, 1, image.size[1])];
+    if columns.is_empty() || rows.is_empty() {
+        return;
+    }
+    drawn[0] = drawn[0].min(rows.start);
+    drawn[1] = drawn[1].max(rows.end);
+    drawn[2] = drawn[2].min(columns.start);
+    drawn[3] = drawn[3].max(columns.end);
+    // Barycentric weights of corners 1 and 2, linear in column and row.
+    let inverse = 1.0 / area;
+    let (b_x, b_y) = ((p[2][1] - p[0][1]) * inverse, -(p[2][0] - p[0][0]) * inverse);
+    let (c_x, c_y) = (-(p[1][1] - p[0][1]) * inverse, (p[1][0] - p[0][0]) * inverse);
+    let (w_b, w_c) = (V::splat(p[1][2] - p[0][2]), V::splat(p[2][2] - p[0][2]));
+    const EDGE: f32 = 1e-5;
+    let (least, most) = (V::splat(-EDGE), V::splat(1.0 + EDGE));
+    for y in rows {
+        let dy = y as f32 - p[0][1];
+        for first in columns.clone().step_by(LANES) {
+            let dx = V::splat(first as f32 - p[0][0]).add(steps::<V>());
+            let b = V::splat(b_x).mul(dx).add(V::splat(b_y * dy));
+            let c = V::splat(c_x).mul(dx).add(V::splat(c_y * dy));
+            let mut bits = b.above(least) & c.above(least) & most.above(b.add(c));
+            bits &= u16::MAX >> (LANES - (columns.end - first).min(LANES));
+            if bits == 0 {
+                continue;
+            }
+            let depth = V::splat(p[0][2]).add(b.mul(w_b)).add(c.mul(w_c));
+            let at = y * image.size[0] + first;
+            let depths: &mut [f32] = &mut image.inverse_depth[at..at + LANES];
+            let triangles: &mut [f32] = &mut image.triangle[at..at + LANES];
+            // SAFETY: both slices have sixteen numbers.
+            unsafe {
+                let before = V::load(depths.as_ptr());
+                bits &= depth.above(before);
+                depth.select(before, bits).store(depths.as_mut_ptr());
+                let before = V::load(triangles.as_ptr());
+                V::splat(index).select(before, bits).store(triangles.as_mut_ptr());
             }
         }
     }
+}
+
+/// Columns (axis 0) or rows that a triangle may cover.
+#[inline(always)]
+fn range(p: &[[f32; 3]; 3], axis: usize, size: usize) -> std::ops::Range<usize> {
+    let least = p[0][axis].min(p[1][axis]).min(p[2][axis]);
+    let most = p[0][axis].max(p[1][axis]).max(p[2][axis]);
+    least.ceil().max(0.0) as usize..((most.floor() + 1.0).max(0.0) as usize).min(size)
+}
+
+/// 0, 1, … 15.
+#[inline(always)]
+fn steps<V: Lanes>() -> V {
+    const STEPS: [f32; LANES] =
+        [0., 1., 2., 3., 4., 5., 6., 7., 8., 9., 10., 11., 12., 13., 14., 15.];
+    // SAFETY: the array has sixteen numbers.
+    unsafe { V::load(STEPS.as_ptr()) }
 }
 
 /// Material coordinates of each triangle's centre, metres.
@@ -182,9 +232,32 @@ mod tests {
         assert_eq!(buffer.at(2.0, 2.0).0, EMPTY);
         assert_eq!(buffer.at(-1.0, 2.0).0, EMPTY);
         // Every pixel inside is covered: no cracks along the diagonal.
-        let covered = (0..48 * 64).filter(|k| buffer.triangle[*k] != EMPTY).count();
+        let covered = (0..48 * 64).filter(|k| buffer.triangle[*k] != NONE).count();
         assert_eq!(covered, 24 * 24);
         buffer.draw(&[[0.0, 0.0, -1.0]; 4], &triangles[..2]);
-        assert_eq!((0..48 * 64).filter(|k| buffer.triangle[*k] != EMPTY).count(), 0);
+        assert_eq!((0..48 * 64).filter(|k| buffer.triangle[*k] != NONE).count(), 0);
+    }
+
+    #[test]
+    fn every_width_draws_the_same_image() {
+        let sheet = SheetGrid::new([0.15, 0.15], [9, 9]);
+        // Rolled up, so that layers lie over each other.
+        let rolled = sheet.flat_m().into_iter().map(|[x, y, _]| {
+            let radius = 0.02 + 0.05 * (x + 0.075);
+            let angle = (x + 0.075) * 60.0;
+            [radius * angle.cos(), y, 0.3 + radius * angle.sin()]
+        });
+        let rolled: Vec<[f32; 3]> = rolled.collect();
+        let image = |width: Width| {
+            let mut buffer = ZBuffer::new(&lens(), &Isometry3::identity(), 1.0);
+            buffer.lanes = width;
+            buffer.draw(&rolled, &sheet.triangles());
+            (buffer.triangle, buffer.inverse_depth)
+        };
+        let portable = image(Width::Portable);
+        assert!(portable.0.iter().filter(|t| **t != NONE).count() > 100);
+        for width in Width::available() {
+            assert!(image(width) == portable, "{width:?}");
+        }
     }
 }

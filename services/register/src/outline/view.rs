@@ -19,6 +19,10 @@ const ASK_PX: [f32; 2] = [1.2, 2.6];
 const LENGTH_PX_MIN: f64 = 1.5;
 /// A step in depth from here on is an inner edge, metres.
 const STEP_M: f32 = 4e-3;
+/// Samples may move so far in the image before edgels are gathered for them anew, pixels.
+const MARGIN_PX: f64 = 4.0;
+/// Samples that have not moved farther are the contour that they were, pixels.
+const MOVED_PX: f64 = 0.5;
 
 /// A sample that this camera should see as contour.
 #[derive(Debug, Clone, Copy)]
@@ -28,6 +32,12 @@ pub(super) struct Silhouette {
     pub kind: u32,
     /// Unit normal out of the sheet, in the image.
     pub normal: Vector2<f64>,
+    /// Where it was when it was classified.
+    classified_px: Vector2<f64>,
+    /// Where it was when edgels were gathered for it.
+    gathered_px: Vector2<f64>,
+    /// Their places among the view's candidates.
+    candidates: [u32; 2],
 }
 
 /// Edgels of one camera in cells.
@@ -40,6 +50,10 @@ pub(super) struct View {
     cells: Vec<Vec<u32>>,
     buffer: ZBuffer,
     pub silhouettes: Vec<Silhouette>,
+    /// Edgels that silhouettes may match: along the silhouette's normal and tangent, pixels.
+    candidates: Vec<[f64; 2]>,
+    /// Farthest that a silhouette has moved since it was classified, pixels.
+    moved_px: f64,
 }
 
 impl View {
@@ -55,16 +69,20 @@ impl View {
             cells: vec![Vec::new(); columns * rows],
             buffer: ZBuffer::new(&camera.color, &camera.world_from_color, 1.0),
             silhouettes: Vec::new(),
+            candidates: Vec::new(),
+            moved_px: f64::INFINITY,
         }
     }
 
     /// Forgets the edgels.
     pub fn clear(&mut self) {
+        self.moved_px = f64::INFINITY;
         self.cells.iter_mut().for_each(Vec::clear);
     }
 
     /// Forgets which samples are contour.
     pub fn forget(&mut self) {
+        self.moved_px = f64::INFINITY;
         self.silhouettes.clear();
     }
 
@@ -82,18 +100,68 @@ impl View {
         self.camera.color.project(&point)
     }
 
-    /// Finds the samples that are contour in the model's own image.
-    pub fn classify(&mut self, samples: &[Sample], nodes_m: &[[f32; 3]], triangles: &[[u32; 3]]) {
+    /// Whether the sheet has moved so far in this image that other samples may be contour.
+    pub fn has_moved(&self) -> bool {
+        self.moved_px > MOVED_PX
+    }
+
+    /// Finds the samples that are contour in the model's own image, and the edgels near them.
+    pub fn classify(
+        &mut self,
+        samples: &[Sample],
+        nodes_m: &[[f32; 3]],
+        triangles: &[[u32; 3]],
+        edgels: &[Edgel],
+    ) {
         self.buffer.draw(nodes_m, triangles);
         self.silhouettes.clear();
+        self.candidates.clear();
+        self.moved_px = 0.0;
         for (index, sample) in samples.iter().enumerate() {
-            if let Some((kind, normal)) = self.silhouette(sample, nodes_m) {
-                self.silhouettes.push(Silhouette { sample: index as u32, kind, normal });
+            if let Some((kind, normal, pixel)) = self.silhouette(sample, nodes_m) {
+                self.silhouettes.push(Silhouette {
+                    sample: index as u32,
+                    kind,
+                    normal,
+                    classified_px: pixel,
+                    gathered_px: pixel,
+                    candidates: [0; 2],
+                });
+                self.gather(self.silhouettes.len() - 1, pixel, edgels);
             }
         }
     }
 
-    fn silhouette(&self, sample: &Sample, nodes_m: &[[f32; 3]]) -> Option<(u32, Vector2<f64>)> {
+    /// Gathers the edgels that a silhouette may match from around a pixel.
+    fn gather(&mut self, index: usize, pixel: Vector2<f64>, edgels: &[Edgel]) {
+        let Silhouette { normal: outward, kind, .. } = self.silhouettes[index];
+        let tangent = Vector2::new(-outward.y, outward.x);
+        let reach_px = super::REACH_PX[0] + MARGIN_PX;
+        let first = self.candidates.len() as u32;
+        let mut candidates = std::mem::take(&mut self.candidates);
+        candidates.extend(self.cells_near(pixel, reach_px.hypot(TANGENT_PX)).filter_map(|k| {
+            let edgel = &edgels[k as usize];
+            let position = Vector2::from(edgel.position_px).cast::<f64>();
+            let across = outward.dot(&(position - pixel)).abs();
+            let along = tangent.dot(&(position - pixel)).abs();
+            (edgel.kind == kind
+                && across < reach_px
+                && along < TANGENT_PX + MARGIN_PX
+                && outward.dot(&Vector2::from(edgel.normal).cast::<f64>()) > COSINE_MIN)
+                .then(|| [outward.dot(&position), tangent.dot(&position)])
+        }));
+        self.candidates = candidates;
+        let silhouette = &mut self.silhouettes[index];
+        silhouette.gathered_px = pixel;
+        silhouette.candidates = [first, self.candidates.len() as u32];
+    }
+
+    /// Kind of edge, outward normal and pixel of a sample that is contour.
+    fn silhouette(
+        &self,
+        sample: &Sample,
+        nodes_m: &[[f32; 3]],
+    ) -> Option<(u32, Vector2<f64>, Vector2<f64>)> {
         let place = |blend: &crate::blend::Blend| self.buffer.project(blend.position_m(nodes_m));
         let pixel = |p: [f32; 3]| Vector2::new(f64::from(p[0]), f64::from(p[1]));
         let here = place(&sample.here)?;
@@ -116,12 +184,13 @@ impl View {
         let [near, far] = [ask(ASK_PX[0])?, ask(ASK_PX[1])?];
         let [inner, deep] = [ask(-ASK_PX[0])?, ask(-ASK_PX[1])?];
         if near.0 == EMPTY && far.0 == EMPTY {
-            return (inner.0 != EMPTY || deep.0 != EMPTY).then_some((0, normal));
+            let is_contour = inner.0 != EMPTY || deep.0 != EMPTY;
+            return is_contour.then(|| (0, normal, pixel(here)));
         }
         // What lies outside is farther off, and what lies inside is the sample's own layer.
         let behind = |at: (u32, f32)| at.0 == EMPTY || 1.0 / at.1 > 1.0 / here[2] + STEP_M;
         let own = |at: (u32, f32)| at.0 != EMPTY && (1.0 / at.1 - 1.0 / here[2]).abs() < STEP_M;
-        (behind(near) && behind(far) && own(inner)).then_some((1, normal))
+        (behind(near) && behind(far) && own(inner)).then(|| (1, normal, pixel(here)))
     }
 
     /// Pixel of a position, and ∂(normal·pixel)/∂position, world frame, px/m.
@@ -138,36 +207,34 @@ impl View {
         Some((pixel, self.rotation.transpose() * in_camera))
     }
 
-    /// Signed distance along the normal to the nearest matching edge, pixels.
+    /// Signed distance along the normal of a silhouette, which is at `pixel` now, to the nearest
+    /// matching edge, pixels.
     pub fn nearest(
-        &self,
+        &mut self,
+        index: usize,
         pixel: Vector2<f64>,
-        silhouette: &Silhouette,
         edgels: &[Edgel],
         reach_px: f64,
     ) -> Option<f64> {
-        let outward = silhouette.normal;
-        let tangent = Vector2::new(-outward.y, outward.x);
-        let span = reach_px.hypot(TANGENT_PX);
-        let candidates = || {
-            self.cells_near(pixel, span).filter_map(|k| {
-                let edgel = &edgels[k as usize];
-                let normal = Vector2::from(edgel.normal).cast::<f64>();
-                let offset = Vector2::from(edgel.position_px).cast::<f64>() - pixel;
-                let (across, along) = (outward.dot(&offset), tangent.dot(&offset));
-                (edgel.kind == silhouette.kind
-                    && across.abs() < reach_px
-                    && along.abs() < TANGENT_PX
-                    && normal.dot(&outward) > COSINE_MIN)
-                    .then_some((across, along))
-            })
+        let silhouette = &self.silhouettes[index];
+        self.moved_px = self.moved_px.max((pixel - silhouette.classified_px).amax());
+        if (pixel - silhouette.gathered_px).norm() > MARGIN_PX {
+            self.gather(index, pixel, edgels);
+        }
+        let Silhouette { normal, candidates: [first, end], .. } = self.silhouettes[index];
+        let here = [normal.dot(&pixel), normal.x * pixel.y - normal.y * pixel.x];
+        let candidates = &self.candidates[first as usize..end as usize];
+        let matches = || {
+            let offset = |at: &[f64; 2]| (at[0] - here[0], at[1] - here[1]);
+            candidates
+                .iter()
+                .map(offset)
+                .filter(|(across, along)| across.abs() < reach_px && along.abs() < TANGENT_PX)
         };
-        let (first, _) = candidates().min_by(|a, b| {
-            let cost = |c: &(f64, f64)| c.0.abs() + 0.25 * c.1.abs();
-            cost(a).total_cmp(&cost(b))
-        })?;
+        let cost = |c: &(f64, f64)| c.0.abs() + 0.25 * c.1.abs();
+        let (first, _) = matches().min_by(|a, b| cost(a).total_cmp(&cost(b)))?;
         let (mut sum, mut weights) = (0.0, 0.0);
-        for (across, along) in candidates() {
+        for (across, along) in matches() {
             if (across - first).abs() < SAME_EDGE_PX {
                 let weight = 1.0 / (1.0 + along * along);
                 sum += weight * across;

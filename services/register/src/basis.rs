@@ -173,8 +173,8 @@ impl Pass for Expand<'_> {
         // Loops, not closures: those would be compiled without the vectors.
         for (a, moved) in self.moved.iter_mut().enumerate() {
             let row = self.basis.row(a);
-            for axis in 0..3 {
-                moved[axis] = product(self.modes[axis].as_slice(), row) as f32;
+            for (moved, modes) in moved.iter_mut().zip(self.modes) {
+                *moved = product(modes.as_slice(), row) as f32;
             }
         }
     }

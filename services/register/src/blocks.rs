@@ -68,10 +68,9 @@ impl Blocks {
     /// Takes over where the places are.
     #[inline(always)]
     pub fn bound(&mut self, at_m: &[Vec<f32>; 3]) {
-        for axis in 0..3 {
-            let blocks = at_m[axis].as_chunks::<LANES>().0.iter();
-            let bounds = self.low_m[axis].iter_mut().zip(&mut self.high_m[axis]);
-            for ((low, high), block) in bounds.zip(blocks) {
+        for ((at_m, low_m), high_m) in at_m.iter().zip(&mut self.low_m).zip(&mut self.high_m) {
+            let blocks = at_m.as_chunks::<LANES>().0.iter();
+            for ((low, high), block) in low_m.iter_mut().zip(high_m).zip(blocks) {
                 (*low, *high) = (fold(block, f32::min), fold(block, f32::max));
             }
         }

@@ -124,8 +124,8 @@ impl Pass for Gather<'_> {
             let base = *base as usize;
             let controls = [base, base + 1, base + carry.stride, base + carry.stride + 1];
             for a in 0..4 {
-                for axis in 0..3 {
-                    gathered.force[controls[a]][axis] += product(&weights[a], &force[axis]);
+                for (sum, force) in gathered.force[controls[a]].iter_mut().zip(&force) {
+                    *sum += product(&weights[a], force);
                 }
                 let mut share = [0f32; LANES];
                 for lane in 0..LANES {

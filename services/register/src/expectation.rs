@@ -116,22 +116,21 @@ impl Components {
             // SAFETY: the caller's; as many vectors are written as blocks × points exist.
             unsafe {
                 let y = load_points::<V>(at_m, first);
-                for n in 0..points.len {
+                for (n, total) in totals.iter_mut().enumerate().take(points.len) {
                     let d = minus(splat::<V>(points.at_m[n]), y);
                     let squared = dot(d, d);
                     let prior = V::load(points.priors[n].as_ptr().add(first));
                     let weight = prior.mul(exp2(exponent.mul(squared)));
                     weight.store(self.weight.as_mut_ptr().add(to));
                     squared.store(self.squared_m2.as_mut_ptr().add(to));
-                    let total = totals[n].as_mut_ptr();
-                    V::load(total).add(weight).store(total);
+                    V::load(total.as_ptr()).add(weight).store(total.as_mut_ptr());
                     to += LANES;
                 }
             }
         }
         let mut shares = Shares::default();
-        for n in 0..points.len {
-            let total = fold(&totals[n], |a, b| a + b);
+        for (n, total) in totals.iter().enumerate().take(points.len) {
+            let total = fold(total, |a, b| a + b);
             shares.inverse[n] = if total > 0.0 { 1.0 / (total + shape.uniform) } else { 0.0 };
             shares.mass[n] = total * shares.inverse[n];
         }

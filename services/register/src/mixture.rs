@@ -274,8 +274,8 @@ fn add_rays<V: Lanes>(
     eyes_m: &[[f32; 3]],
     sums: &mut [RaySums],
 ) {
-    for n in 0..points.len {
-        let camera = cameras[n] as usize;
+    for (n, camera) in cameras.iter().enumerate().take(points.len) {
+        let camera = *camera as usize;
         let Some(eye) = eyes_m.get(camera) else { continue };
         let ray = Vector3::from(points.at_m[n]) - Vector3::from(*eye);
         let Some(ray) = ray.try_normalize(1e-6) else { continue };

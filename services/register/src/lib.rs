@@ -20,6 +20,7 @@ mod isometry;
 mod mixture;
 mod outline;
 mod params;
+mod refine;
 mod registrar;
 mod score;
 pub mod textbook;

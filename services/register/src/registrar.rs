@@ -7,6 +7,7 @@ use crate::cloud::Cloud;
 use crate::features::Fusion;
 use crate::first_pose;
 use crate::params::{RegisterConfig, RegisterMode, RegisterParams};
+use crate::refine::Refinement;
 use crate::score::Score;
 use crate::track::{Termination, TrackReport, Tracker};
 use orime_creases::Folds;
@@ -69,7 +70,11 @@ const BETTER_BY: f64 = 0.1;
 #[derive(Debug, Clone)]
 pub struct Registrar {
     params: RegisterParams,
+    /// The grid that targets are for.
+    handed: SheetGrid,
+    /// The grid that is registered: `handed`, or its refinement.
     sheet: SheetGrid,
+    refinement: Option<Refinement>,
     template_m: Option<Vec<[f32; 3]>>,
     tracker: Tracker,
     fusion: Fusion,
@@ -102,14 +107,29 @@ impl Registrar {
         sheet: &SheetGrid,
         template_m: Option<Vec<[f32; 3]>>,
     ) -> Self {
+        assert!(
+            template_m.as_ref().is_none_or(|template| template.len() == sheet.len()),
+            "one template position per node"
+        );
+        let handed = sheet.clone();
+        let refinement = match config.params.mode {
+            RegisterMode::Cpd => Refinement::of(&handed),
+            RegisterMode::Markers => None,
+        };
+        let sheet = refinement.as_ref().map_or(&handed, Refinement::sheet);
+        let template_m = match &refinement {
+            Some(refined) => template_m.map(|template| refined.refined_m(&template)),
+            None => template_m,
+        };
         let flat = sheet.flat_m();
         let rest = template_m.as_deref().unwrap_or(&flat);
-        assert_eq!(rest.len(), sheet.len(), "one template position per node");
         Self {
             params: config.params.clone(),
             tracker: Tracker::new(&config.params, sheet, rest),
             fusion: Fusion::new(&config.params, sheet, rest),
             sheet: sheet.clone(),
+            handed,
+            refinement,
             template_m,
             cloud: Cloud::default(),
             bias: DepthBias::default(),
@@ -139,6 +159,43 @@ impl Registrar {
         if self.params.mode == RegisterMode::Markers {
             return self.register_marked(observed, predicted_m, targets_m, confidence);
         }
+        let report = match self.refinement.take() {
+            None => self.register_cloud(observed, predicted_m, targets_m, confidence),
+            Some(mut refined) => {
+                if let Some(folds) = observed.folds {
+                    refined.refold(folds);
+                }
+                let predicted_m = predicted_m.filter(|x| x.len() == confidence.len());
+                let predicted_m = predicted_m.map(|x| refined.refined_m(x));
+                let folds = observed.folds.map(|_| &refined.fine_folds);
+                let observed = Observation { folds, ..*observed };
+                let report = self.register_cloud(
+                    &observed,
+                    predicted_m.as_deref(),
+                    &mut refined.targets_m,
+                    &mut refined.confidence,
+                );
+                confidence.fill(0.0);
+                if report.iterations > 0 {
+                    refined.hand_back(targets_m, confidence);
+                }
+                self.refinement = Some(refined);
+                report
+            }
+        };
+        if !report.reset && !self.params.targets_everywhere {
+            self.keep_controls(confidence);
+        }
+        report
+    }
+
+    fn register_cloud(
+        &mut self,
+        observed: &Observation<'_>,
+        predicted_m: Option<&[[f32; 3]]>,
+        targets_m: &mut [[f32; 3]],
+        confidence: &mut [f32],
+    ) -> RegisterReport {
         let mut report =
             RegisterReport { points_rejected: self.accept(observed.cloud), ..Default::default() };
         confidence.fill(0.0);
@@ -179,7 +236,9 @@ impl Registrar {
         };
         if fit.iterations > 0 {
             targets_m[..self.nodes_m.len()].copy_from_slice(&self.nodes_m);
-            self.trust(report.reset, confidence);
+            if report.reset || !self.params.visibility {
+                confidence.fill(1.0);
+            }
         } else {
             confidence.fill(0.0);
         }
@@ -272,21 +331,11 @@ impl Registrar {
         }
     }
 
-    /// Turns what was seen of each node into the confidence of its target.
-    fn trust(&self, is_new_pose: bool, confidence: &mut [f32]) {
-        if is_new_pose {
-            confidence.fill(1.0);
-            return;
-        }
-        if !self.params.visibility {
-            confidence.fill(1.0);
-        }
-        if self.params.targets_everywhere {
-            return;
-        }
-        let controls = self.params.controls(&self.sheet);
+    /// Takes the target from every node that is no control point.
+    fn keep_controls(&self, confidence: &mut [f32]) {
+        let controls = self.params.controls(&self.handed);
         let [rows, columns] = [0, 1].map(|axis| {
-            let (nodes, controls) = (self.sheet.nodes[axis], controls[axis]);
+            let (nodes, controls) = (self.handed.nodes[axis], controls[axis]);
             let nearest = |k: usize| (k * (nodes - 1) + (controls - 1) / 2) / (controls - 1);
             let mut is_control = vec![false; nodes];
             (0..controls).for_each(|k| is_control[nearest(k)] = true);
@@ -295,7 +344,7 @@ impl Registrar {
         for (i, row) in rows.into_iter().enumerate() {
             for (j, column) in columns.iter().enumerate() {
                 if !(row && *column) {
-                    confidence[self.sheet.index(i, j)] = 0.0;
+                    confidence[self.handed.index(i, j)] = 0.0;
                 }
             }
         }

@@ -258,8 +258,8 @@ mod tests {
         for k in 0..3 * LANES {
             let at = k as f32;
             let position = [0.0006 * at, 0.002 * (at * 0.7).sin(), 0.001 * (at * 1.3).cos()];
-            for axis in 0..3 {
-                components.at_m[axis][k] = position[axis];
+            for (at_m, position) in components.at_m.iter_mut().zip(position) {
+                at_m[k] = position;
             }
         }
         components

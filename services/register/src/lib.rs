@@ -30,4 +30,4 @@ mod zbuffer;
 
 pub use params::{RegisterConfig, RegisterMode, RegisterParams};
 pub use registrar::{Observation, RegisterReport, Registrar, Tracking};
-pub use track::{Termination, TrackReport};
+pub use track::{Effort, Termination, TrackReport};

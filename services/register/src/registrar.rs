@@ -9,7 +9,7 @@ use crate::first_pose;
 use crate::params::{RegisterConfig, RegisterMode, RegisterParams};
 use crate::refine::Refinement;
 use crate::score::Score;
-use crate::track::{Termination, TrackReport, Tracker};
+use crate::track::{Effort, Termination, TrackReport, Tracker};
 use orime_creases::Folds;
 use orime_geometry::{Edgel, Feature, ObservedPoint, RgbdCamera, SheetGrid};
 
@@ -70,6 +70,7 @@ const BETTER_BY: f64 = 0.1;
 #[derive(Debug, Clone)]
 pub struct Registrar {
     params: RegisterParams,
+    effort: Effort,
     /// The grid that targets are for.
     handed: SheetGrid,
     /// The grid that is registered: `handed`, or its refinement.
@@ -124,6 +125,10 @@ impl Registrar {
         let flat = sheet.flat_m();
         let rest = template_m.as_deref().unwrap_or(&flat);
         Self {
+            effort: Effort {
+                points_max: config.params.points_max,
+                iterations_max: config.params.iterations_max,
+            },
             params: config.params.clone(),
             tracker: Tracker::new(&config.params, sheet, rest),
             fusion: Fusion::new(&config.params, sheet, rest),
@@ -156,11 +161,34 @@ impl Registrar {
         targets_m: &mut [[f32; 3]],
         confidence: &mut [f32],
     ) -> RegisterReport {
+        self.register_within(observed, predicted_m, targets_m, confidence, &|| false)
+    }
+
+    /// How much work goes into a frame as the parameters say.
+    pub fn full_effort(&self) -> Effort {
+        Effort { points_max: self.params.points_max, iterations_max: self.params.iterations_max }
+    }
+
+    /// How much work is to go into the frames from now on.
+    pub fn set_effort(&mut self, effort: Effort) {
+        self.effort = effort;
+    }
+
+    /// As [`Registrar::register`], but hands over what there is once `is_late` says so; it is
+    /// asked after every iteration.
+    pub fn register_within(
+        &mut self,
+        observed: &Observation<'_>,
+        predicted_m: Option<&[[f32; 3]]>,
+        targets_m: &mut [[f32; 3]],
+        confidence: &mut [f32],
+        is_late: &dyn Fn() -> bool,
+    ) -> RegisterReport {
         if self.params.mode == RegisterMode::Markers {
             return self.register_marked(observed, predicted_m, targets_m, confidence);
         }
         let report = match self.refinement.take() {
-            None => self.register_cloud(observed, predicted_m, targets_m, confidence),
+            None => self.register_cloud(observed, predicted_m, targets_m, confidence, is_late),
             Some(mut refined) => {
                 if let Some(folds) = observed.folds {
                     refined.refold(folds);
@@ -174,6 +202,7 @@ impl Registrar {
                     predicted_m.as_deref(),
                     &mut refined.targets_m,
                     &mut refined.confidence,
+                    is_late,
                 );
                 confidence.fill(0.0);
                 if report.iterations > 0 {
@@ -195,6 +224,7 @@ impl Registrar {
         predicted_m: Option<&[[f32; 3]]>,
         targets_m: &mut [[f32; 3]],
         confidence: &mut [f32],
+        is_late: &dyn Fn() -> bool,
     ) -> RegisterReport {
         let mut report =
             RegisterReport { points_rejected: self.accept(observed.cloud), ..Default::default() };
@@ -205,7 +235,7 @@ impl Registrar {
         }
         self.look_at(observed);
         let known = predicted_m.filter(|x| self.has_pose && x.len() == self.sheet.len());
-        let mut tracked = known.map(|state| self.track(observed, state, confidence));
+        let mut tracked = known.map(|state| self.track(observed, state, confidence, is_late));
         let explained_min = self.params.explained_min;
         let outlined_min = self.outlined_usual - OUTLINE_DROP;
         let explains =
@@ -263,6 +293,7 @@ impl Registrar {
         observed: &Observation<'_>,
         expected_m: &[[f32; 3]],
         confidence: &mut [f32],
+        is_late: &dyn Fn() -> bool,
     ) -> (TrackReport, Score) {
         self.nodes_m.clear();
         self.nodes_m.extend_from_slice(expected_m);
@@ -271,7 +302,8 @@ impl Registrar {
         }
         let strain = f64::from(self.tracker.strain(&self.nodes_m));
         self.strain_usual = STRAIN_KEPT * self.strain_usual + (1.0 - STRAIN_KEPT) * strain;
-        let fit = self.tracker.track(&self.cloud, &mut self.nodes_m);
+        let iterations_max = self.effort.iterations_max;
+        let fit = self.tracker.track(&self.cloud, &mut self.nodes_m, iterations_max, is_late);
         if self.params.visibility {
             self.tracker.confidence(confidence);
         }
@@ -286,7 +318,7 @@ impl Registrar {
     fn accept(&mut self, cloud: &[ObservedPoint]) -> u32 {
         let finite = |p: &&ObservedPoint| p.position_m.iter().all(|c| c.is_finite());
         let count = cloud.iter().filter(finite).count();
-        let step = count.div_ceil(self.params.points_max).max(1);
+        let step = count.div_ceil(self.effort.points_max).max(1);
         self.points.clear();
         self.points.extend(cloud.iter().filter(finite).step_by(step));
         (cloud.len() - count) as u32
@@ -317,7 +349,9 @@ impl Registrar {
         self.nodes_m = pose;
         self.tracker.forget();
         self.tracker.forget_visibility();
-        let fit = self.tracker.track(&self.cloud, &mut self.nodes_m);
+        // A pose that was lost is worth more than being in time.
+        let iterations_max = self.params.iterations_max;
+        let fit = self.tracker.track(&self.cloud, &mut self.nodes_m, iterations_max, &|| false);
         let score = self.score();
         let clearly_better = match tracked {
             Some((_, current)) => score.value() > current.value() + BETTER_BY,

@@ -1,9 +1,12 @@
 //! register as a process: waits for the state that its prediction needs, publishes targets.
 
+mod deadline;
+
+use deadline::Planner;
 use orime_creases::Folds;
 use orime_geometry::{RgbdCamera, SheetParams};
 use orime_messages::{Drops, Header, ObservedCloud, RegisterFigures, SheetState, Targets};
-use orime_register::{Observation, RegisterParams, RegisterReport, Registrar};
+use orime_register::{Observation, RegisterParams, RegisterReport, Registrar, Termination};
 use orime_runtime::{
     Pace, Publisher, Received, Recorder, Service, Subscription, Work, channel, now_ns,
 };
@@ -31,6 +34,10 @@ pub struct Register {
     folds: Folds,
     /// The cameras, once a cloud has told them.
     cameras: Vec<RgbdCamera>,
+    /// Where the set has a budget and the pace is real time.
+    planner: Option<Planner>,
+    /// Step of the newest targets, and when they were published.
+    published: Option<(u64, u64)>,
 }
 
 impl Register {
@@ -40,8 +47,13 @@ impl Register {
         let params: SheetParams = service.section("sheet")?;
         let sheet = service.config("sheet", SheetParams::check)?;
         let template_m = orime_recording::template::load(&params, &sheet)?;
+        let registrar = Registrar::new(&config, &sheet, template_m);
+        // In lockstep nothing is in a hurry, and results repeat.
+        let budget_ms = service.set().budget_ms.filter(|_| service.set().pace == Pace::Realtime);
         let register = Self {
-            registrar: Registrar::new(&config, &sheet, template_m),
+            planner: budget_ms.map(|ms| Planner::new(ms, registrar.full_effort())),
+            published: None,
+            registrar,
             n_nodes: sheet.len(),
             pace: service.set().pace,
             clouds: service.subscribe(&channel::CLOUD)?,
@@ -107,6 +119,10 @@ impl Register {
             // After a restart, the channel gives the newest state that there is.
             _ => {
                 if let Some(state) = self.states.try_newest()? {
+                    let of = self.published.filter(|(step, _)| *step == state.header.step);
+                    if let (Some((_, at_ns)), Some(planner)) = (of, &mut self.planner) {
+                        planner.simulated(state.header.publish_ns.saturating_sub(at_ns));
+                    }
                     self.keep(state);
                 }
             }
@@ -144,6 +160,12 @@ impl Register {
             folds: Some(&self.folds),
         };
         let registrar = &mut self.registrar;
+        let plan = self.planner.as_ref().map(|planner| {
+            let plan = planner.plan(cloud.header.arrival_ns, now_ns());
+            registrar.set_effort(plan.effort);
+            plan
+        });
+        let is_late = || plan.is_some_and(|plan| now_ns() > plan.until_ns);
         let predicted_m = self
             .state
             .as_deref()
@@ -156,23 +178,31 @@ impl Register {
             bytes: (n_nodes * 16) as u64,
             ..Work::default()
         };
+        let mut was_cut_short = false;
         let sent = self.targets.send_with(&cloud.header, |targets| {
             work.start_ns = now_ns();
             targets.n_nodes = n_nodes as u32;
             // What an earlier message left there is no target.
             targets.targets_m[..n_nodes].fill([0.0; 3]);
             targets.confidence[..n_nodes].fill(0.0);
-            let report = registrar.register(
+            let report = registrar.register_within(
                 &observed,
                 predicted_m,
                 &mut targets.targets_m[..n_nodes],
                 &mut targets.confidence[..n_nodes],
+                &is_late,
             );
             targets.figures = figures(&report);
+            targets.figures.effort = plan.map_or(1.0, |plan| plan.share);
             work.end_ns = now_ns();
             work.status = report.tracking as u32;
+            was_cut_short = report.termination == Termination::Deadline;
         })?;
         let Some(sent) = sent else { return Ok(false) };
+        self.published = Some((sent.header.step, sent.header.publish_ns));
+        if let (Some(planner), Some(plan), false) = (&mut self.planner, plan, was_cut_short) {
+            planner.registered(&plan, work.end_ns - work.start_ns);
+        }
         let drops = self.drops();
         self.recorder.published(&sent.header, work, drops)?;
         Ok(true)
@@ -192,5 +222,7 @@ fn figures(report: &RegisterReport) -> RegisterFigures {
         sigma_m: report.sigma_m,
         inlier_ratio: report.inlier_ratio,
         points_rejected: report.points_rejected,
+        effort: 1.0,
+        cut_short: u32::from(report.termination == Termination::Deadline),
     }
 }

@@ -40,7 +40,21 @@ pub enum Termination {
     Converged = 1,
     /// The limit of iterations was reached.
     IterationLimit = 2,
+    /// The caller's time was up.
+    Deadline = 3,
 }
+
+/// How much work may go into a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Effort {
+    /// Points used at most.
+    pub points_max: usize,
+    /// Iterations at most.
+    pub iterations_max: u32,
+}
+
+/// Iterations that are done in any case.
+const ITERATIONS_MIN: u32 = 2;
 
 /// How one frame went.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -155,8 +169,14 @@ impl Tracker {
         self.outlier_weight = self.params.outlier_weight;
     }
 
-    /// Bends `nodes_m` (the prediction on entry) onto the cloud.
-    pub fn track(&mut self, cloud: &Cloud, nodes_m: &mut [[f32; 3]]) -> TrackReport {
+    /// Bends `nodes_m` (the prediction on entry) onto the cloud, until `is_late` at the latest.
+    pub fn track(
+        &mut self,
+        cloud: &Cloud,
+        nodes_m: &mut [[f32; 3]],
+        iterations_max: u32,
+        is_late: &dyn Fn() -> bool,
+    ) -> TrackReport {
         let mut report = TrackReport { sigma_m: self.sigma_next_m, ..TrackReport::default() };
         let predicted = nodes_m.to_vec();
         self.mixture.place(nodes_m);
@@ -170,7 +190,7 @@ impl Tracker {
         let lambda = (self.params.prediction_error * f64::from(self.side_m)).powi(-2);
         let spacing_m = self.mixture.spacing_m();
         let tolerance = self.params.move_tolerance as f32 * self.side_m;
-        for _ in 0..self.params.iterations_max {
+        for _ in 0..iterations_max {
             let thinning = if sigma > spacing_m { cloud.points_m.len() / THINNED } else { 1 };
             let asked =
                 Asked { sigma_m: sigma, uniform_per_m3, thinning: thinning.clamp(1, THINNING_MAX) };
@@ -192,6 +212,13 @@ impl Tracker {
             report.termination = Termination::IterationLimit;
             if largest < tolerance {
                 report.termination = Termination::Converged;
+                break;
+            }
+            if report.iterations >= ITERATIONS_MIN
+                && report.iterations < iterations_max
+                && is_late()
+            {
+                report.termination = Termination::Deadline;
                 break;
             }
         }

@@ -21,6 +21,10 @@ pub struct RegisterFigures {
     pub inlier_ratio: f32,
     /// Observed points that were not finite.
     pub points_rejected: u32,
+    /// Share of the full work that there was time for, 0 to 1.
+    pub effort: f32,
+    /// 1 where the deadline ended the iterations.
+    pub cut_short: u32,
 }
 layout!(RegisterFigures {
     tracking: u32,
@@ -29,6 +33,8 @@ layout!(RegisterFigures {
     sigma_m: f32,
     inlier_ratio: f32,
     points_rejected: u32,
+    effort: f32,
+    cut_short: u32,
 });
 
 message! {
@@ -122,7 +128,7 @@ impl Truth {
     }
 }
 
-const _: () = assert!(size_of::<Targets>() == 72 + 24 + 8 + 16 * NODES_MAX);
+const _: () = assert!(size_of::<Targets>() == 72 + 32 + 8 + 16 * NODES_MAX);
 const _: () =
-    assert!(size_of::<SheetState>() == 72 + 24 + 24 + 16 + size_of::<FoldsMeta>() + 24 * NODES_MAX);
+    assert!(size_of::<SheetState>() == 72 + 32 + 24 + 16 + size_of::<FoldsMeta>() + 24 * NODES_MAX);
 const _: () = assert!(size_of::<Truth>() == 72 + 8 + 12 * NODES_MAX);

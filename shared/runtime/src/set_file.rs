@@ -59,6 +59,8 @@ pub struct SetFile {
     pub name: String,
     /// `pace`, default `lockstep`.
     pub pace: Pace,
+    /// `budget_ms`: from the last pixel of a frame set to its state, milliseconds.
+    pub budget_ms: Option<f64>,
     sections: Table,
 }
 
@@ -91,11 +93,23 @@ impl SetFile {
                 invalid("`pace`", "must be \"lockstep\" or \"realtime\"".to_owned())
             })?,
         };
+        let budget_ms = match sections.remove("budget_ms") {
+            None => None,
+            Some(Value::Float(ms)) if ms.is_finite() && ms > 0.0 => Some(ms),
+            Some(Value::Integer(ms)) if ms > 0 => Some(ms as f64),
+            Some(_) => {
+                let message = "must be a number of milliseconds above 0".to_owned();
+                return Err(invalid("`budget_ms`", message));
+            }
+        };
         if let Some(key) = sections.keys().find(|key| !SECTIONS.contains(&key.as_str())) {
             let known = SECTIONS.join("], [");
-            return Err(invalid(key, format!("is not part of a set: name, pace, [{known}] are")));
+            return Err(invalid(
+                key,
+                format!("is not part of a set: name, pace, budget_ms, [{known}] are"),
+            ));
         }
-        Ok(Self { path: path.to_owned(), text, name, pace, sections })
+        Ok(Self { path: path.to_owned(), text, name, pace, budget_ms, sections })
     }
 
     /// One section's parameters, not checked yet; the defaults where the file has no such section.

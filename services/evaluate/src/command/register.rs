@@ -124,6 +124,7 @@ fn print(arguments: &RegisterArguments, report: &RegisterReport, ms_p50: f64, st
         (_, Termination::NothingObserved) => "nothing_observed",
         (_, Termination::Converged) => "converged",
         (_, Termination::IterationLimit) => "iteration_limit",
+        (_, Termination::Deadline) => "deadline",
     };
     if arguments.json {
         let line = serde_json::json!({

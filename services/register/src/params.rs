@@ -34,7 +34,7 @@ pub struct RegisterParams {
     /// 100: more trusts the rays of several cameras and less their depths. 1 takes the mean.
     /// Default 4.
     pub ray_error_ratio: f64,
-    /// Most iterations of expectation maximisation per frame. Time grows with it. Default 12.
+    /// Most iterations of expectation maximisation per frame. Time grows with it. Default 8.
     pub iterations_max: u32,
     /// Stop once no node moves farther than this in an iteration, fraction of the sheet.
     /// Default 0.0003 (0.05 mm on 0.15 m).
@@ -99,7 +99,7 @@ impl Default for RegisterParams {
             mode: RegisterMode::Cpd,
             carry_hidden: 0.0,
             ray_error_ratio: 4.0,
-            iterations_max: 12,
+            iterations_max: 8,
             move_tolerance: 0.0003,
             kernel_width: 0.2,
             prediction_error: 0.02,

@@ -48,6 +48,8 @@ pub(crate) struct LineFinder {
     members: Vec<Vec<u32>>,
     candidates: Vec<Vec<Candidate>>,
     next_crease: usize,
+    /// Middles of the sheet's sides, (u, v), metres.
+    middles_m: [[f64; 2]; 4],
     /// Successive steps in which each sample of each planned line bent.
     plan_hits: Vec<[u32; plan::SAMPLES.len()]>,
 }
@@ -63,6 +65,7 @@ impl LineFinder {
             members: vec![Vec::new(); facets_max],
             candidates: (0..facets_max).map(|_| Judge::candidates()).collect(),
             next_crease: 0,
+            middles_m: middles_m(sheet.size_m),
             plan_hits: vec![[0; plan::SAMPLES.len()]; config.plan.len()],
         };
         finder.reset(&Folds::flat(sheet));
@@ -119,7 +122,9 @@ impl LineFinder {
         let before = folds.facets().len();
         while let Some(at) = {
             let sure = self.candidates[facet].iter().enumerate();
-            let sure = sure.filter(|(_, c)| c.hits >= hits && c.evidence >= evidence);
+            let sure = sure.filter(|(_, c)| {
+                c.hits >= hits && c.evidence >= evidence && self.may_be(folds, facet, &c.hinge)
+            });
             sure.max_by(|(_, a), (_, b)| a.hinge.angle_rad.total_cmp(&b.hinge.angle_rad))
                 .map(|(at, _)| at)
         } {
@@ -134,6 +139,17 @@ impl LineFinder {
             self.move_candidates(folds, facet);
         }
         folds.facets().len() > before
+    }
+
+    /// Whether a fold of a facet is sharp enough for where it lies.
+    fn may_be(&self, folds: &Folds, facet: usize, hinge: &Hinge) -> bool {
+        let estimate = Estimate::new(hinge, self.nodes.h_m);
+        let is_known = self.planned(&hinge.line, hinge.middle_m()).is_some();
+        is_known
+            || hinge.angle_rad >= self.config.params.angle_off_landmarks_deg.to_radians()
+            || self
+                .at_landmarks(&estimate, &folds.facets()[facet], folds.facets())
+                .is_some_and(|(_, both)| both)
     }
 
     /// Hands a facet's candidates to the parts that they lie in.
@@ -171,7 +187,7 @@ impl LineFinder {
         let mut estimate = Estimate::new(hinge, self.nodes.h_m);
         estimate.fixed = known.is_some();
         let snapped = self.at_landmarks(&estimate, &folds.facets()[facet], folds.facets());
-        let line = known.or(snapped).unwrap_or(hinge.line);
+        let line = known.or(snapped.map(|(line, _)| line)).unwrap_or(hinge.line);
         estimate.publish(line, known.is_none() && snapped.is_some());
         let Some(new) = folds.split(facet, &line) else { return false };
         let cut = Cut {
@@ -186,8 +202,14 @@ impl LineFinder {
         true
     }
 
-    /// An estimate's best line, put on landmarks of the piece that it parts, where some are near.
-    fn at_landmarks(&self, estimate: &Estimate, piece: &Facet, facets: &[Facet]) -> Option<Line> {
+    /// An estimate's best line, put on landmarks of the piece that it parts, where some are near;
+    /// and whether both its ends are.
+    fn at_landmarks(
+        &self,
+        estimate: &Estimate,
+        piece: &Facet,
+        facets: &[Facet],
+    ) -> Option<(Line, bool)> {
         let snap_m = self.config.params.snap * self.nodes.h_m;
         let best = estimate.best();
         if snap_m <= 0.0 {
@@ -195,6 +217,7 @@ impl LineFinder {
         }
         // Its own ends are no landmarks.
         let others = facets.iter().flat_map(|facet| facet.corners_m.iter().copied());
+        let others = others.chain(self.middles_m);
         let others = others.filter(|p| estimate.line.side_m(*p).abs() > snap::ON_BORDER_M);
         snap::snap(&best, piece, others, |end| snap_m + self.unsure_m(estimate, end))
     }
@@ -225,4 +248,9 @@ impl LineFinder {
             self.members[usize::from(*facet)].push(n);
         }
     }
+}
+
+/// Middles of a sheet's sides.
+fn middles_m([a, b]: [f64; 2]) -> [[f64; 2]; 4] {
+    [[0.5 * a, 0.0], [a, 0.5 * b], [0.5 * a, b], [0.0, 0.5 * b]]
 }

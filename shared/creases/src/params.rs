@@ -28,6 +28,10 @@ pub struct CreaseParams {
     /// Smallest fold angle that makes a crease, degrees. Lower values free a crease earlier and
     /// mistake more bends for one. Default 12.
     pub angle_min_deg: f64,
+    /// The same for a crease whose ends are not both at landmarks (see `snap`): most creases go
+    /// through corners, middles and other creases, and a sheet that is held where a crease is not
+    /// known yet bends anywhere. Default 35.
+    pub angle_off_landmarks_deg: f64,
     /// Steps in which it must look like a fold. More are surer and later. Default 2.
     pub hits: u32,
     /// Log-likelihood ratio by which a narrow bend must beat wide and smooth ones, summed over
@@ -36,8 +40,8 @@ pub struct CreaseParams {
     /// Bends narrower than this many spacings count as creases. Default 2.5.
     pub bend_width: f64,
     /// Ends of a crease that lie nearer than this many spacings to a landmark (corner or middle of
-    /// a facet's side, end of another crease), or as near as they are known, are put there; 0 snaps
-    /// nothing. Default 0.3.
+    /// a side of a facet or the sheet, end of another crease), or as near as they are known, are
+    /// put there; 0 snaps nothing. Default 0.3.
     pub snap: f64,
     /// Most facets, 1 to 32. Default 32.
     pub facets_max: usize,
@@ -104,6 +108,7 @@ impl Default for CreaseParams {
         Self {
             mode: CreaseMode::Lines,
             angle_min_deg: 12.0,
+            angle_off_landmarks_deg: 35.0,
             hits: 2,
             evidence: 7.0,
             bend_width: 2.5,
@@ -121,6 +126,7 @@ impl CreaseParams {
         let Self {
             mode: _,
             angle_min_deg,
+            angle_off_landmarks_deg,
             hits,
             evidence,
             bend_width,
@@ -135,6 +141,7 @@ impl CreaseParams {
             checker.require(low <= value && value <= high, key, value, requirement.trim_end());
         };
         within("angle_min_deg", *angle_min_deg, 2.0, 120.0, "degrees");
+        within("angle_off_landmarks_deg", *angle_off_landmarks_deg, 0.0, 180.0, "degrees");
         within("hits", f64::from(*hits), 1.0, 100.0, "");
         within("evidence", *evidence, 1.0, 1000.0, "");
         within("bend_width", *bend_width, 0.5, 8.0, "spacings");
@@ -173,6 +180,7 @@ mod tests {
         let CreaseParams {
             mode, angle_min_deg, hits, evidence, bend_width, snap, facets_max, ..
         } = CreaseParams::default();
+        assert_eq!(CreaseParams::default().angle_off_landmarks_deg, 35.0);
         assert_eq!((mode, hits, facets_max), (CreaseMode::Lines, 2, 32));
         assert_eq!((angle_min_deg, evidence, bend_width, snap), (12.0, 7.0, 2.5, 0.3));
         let PaperParams { s_m2, r_div, r_fix_m2, lock, iterations } = PaperParams::default();

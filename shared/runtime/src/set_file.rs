@@ -10,6 +10,8 @@ use crate::channel::Pace;
 
 /// The sections of a set file, one per stage and the sheet that they share.
 pub const SECTIONS: [&str; 5] = ["sheet", "capture", "segment", "register", "simulate"];
+/// What each profile sets, where the set file says nothing else.
+const PROFILES: &str = include_str!("profiles.toml");
 /// Stands for the folder of the recordings in any text of a set file.
 pub const DATA_VARIABLE: &str = "${ORIME_DATA}";
 /// Keys whose values are paths; relative ones are meant from the set file's folder.
@@ -102,11 +104,21 @@ impl SetFile {
                 return Err(invalid("`budget_ms`", message));
             }
         };
+        let profile = sections.remove("profile").map(|profile| {
+            let of = |name: &Value| profiles().remove(name.as_str()?)?.try_into::<Table>().ok();
+            of(&profile).ok_or_else(|| {
+                let known: Vec<String> = profiles().keys().map(|k| format!("\"{k}\"")).collect();
+                invalid("`profile`", format!("must be one of {}", known.join(", ")))
+            })
+        });
+        if let Some(profile) = profile.transpose()? {
+            fill_in(&mut sections, profile);
+        }
         if let Some(key) = sections.keys().find(|key| !SECTIONS.contains(&key.as_str())) {
             let known = SECTIONS.join("], [");
             return Err(invalid(
                 key,
-                format!("is not part of a set: name, pace, budget_ms, [{known}] are"),
+                format!("is not part of a set: name, pace, budget_ms, profile, [{known}] are"),
             ));
         }
         Ok(Self { path: path.to_owned(), text, name, pace, budget_ms, sections })
@@ -136,6 +148,24 @@ impl SetFile {
             place: format!("[{section}]"),
             message: problems.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "),
         })
+    }
+}
+
+/// The profiles by name.
+fn profiles() -> Table {
+    PROFILES.parse().unwrap_or_default()
+}
+
+/// Puts in what is not there; what is there stays.
+fn fill_in(table: &mut Table, defaults: Table) {
+    for (key, default) in defaults {
+        match (table.get_mut(&key), default) {
+            (Some(Value::Table(inner)), Value::Table(default)) => fill_in(inner, default),
+            (Some(_), _) => {}
+            (None, default) => {
+                table.insert(key, default);
+            }
+        }
     }
 }
 
@@ -218,10 +248,26 @@ mod tests {
     }
 
     #[test]
+    fn a_profile_fills_in_what_is_not_there() {
+        let set =
+            parse("profile = \"fast\"\nbudget_ms = 11\n[register]\npoints_max = 1234").unwrap();
+        assert_eq!(set.budget_ms, Some(11.0));
+        let register: Table = set.section("register").unwrap();
+        assert_eq!(register["points_max"].as_integer(), Some(1234));
+        assert!(register["iterations_max"].as_integer().is_some());
+        let balanced = parse("profile = \"balanced\"").unwrap();
+        assert_eq!(balanced.section::<Table>("register").unwrap(), Table::new());
+        assert!(profiles().contains_key("exact"));
+    }
+
+    #[test]
     fn what_is_wrong_is_named() {
         let message = |text| parse(text).unwrap_err().to_string();
         assert!(message("pace = \"fast\"").contains("lockstep"));
         assert!(message("[captrue]").contains("captrue"));
         assert!(message("name = ").contains("syntax"));
+        assert!(message("profile = \"slow\"").contains("\"fast\""));
+        assert!(message("profile = 3").contains("\"fast\""));
+        assert!(message("budget_ms = -1").contains("budget_ms"));
     }
 }

@@ -80,7 +80,9 @@ impl LineFinder {
             let piece = self.tree.piece(cut).filter(|_| !estimate.fixed);
             let snapped = piece.and_then(|p| self.at_landmarks(&estimate, &p, folds.facets()));
             let best = if estimate.fixed { estimate.line } else { estimate.best() };
-            self.tree.cuts[cut].estimate.publish(snapped.unwrap_or(best), snapped.is_some());
+            self.tree.cuts[cut]
+                .estimate
+                .publish(snapped.map_or(best, |(line, _)| line), snapped.is_some());
         }
         let Some(facets) = self.tree.facets() else {
             self.tree.cuts.iter_mut().for_each(|cut| cut.estimate.withdraw());

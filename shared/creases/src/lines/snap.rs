@@ -9,19 +9,22 @@ use crate::line::Line;
 pub(super) const ON_BORDER_M: f64 = 1e-6;
 
 /// The line with its ends on landmarks that are near enough: the piece's own and those of `others`
-/// that lie on its border; `tolerance_m` is for each end point. `None` where none is.
+/// that lie on its border; `tolerance_m` is for each end point. `None` where none is; and whether
+/// both are.
 pub(crate) fn snap(
     line: &Line,
     piece: &Facet,
     others: impl Iterator<Item = [f64; 2]> + Clone,
     tolerance_m: impl Fn([f64; 2]) -> f64,
-) -> Option<Line> {
+) -> Option<(Line, bool)> {
     let ends = chord(&piece.corners_m, line)?;
     let ends = ends.map(|t| [0, 1].map(|k| line.point_m[k] + t * line.direction[k]));
     let snapped = ends.map(|end| nearest(end, piece, others.clone(), tolerance_m(end)));
     match snapped {
-        [Some(a), Some(b)] if apart_m(a, b) > ON_BORDER_M => Some(Line::through(a, b)),
-        [Some(a), None] | [None, Some(a)] => Some(Line { point_m: a, direction: line.direction }),
+        [Some(a), Some(b)] if apart_m(a, b) > ON_BORDER_M => Some((Line::through(a, b), true)),
+        [Some(a), None] | [None, Some(a)] => {
+            Some((Line { point_m: a, direction: line.direction }, false))
+        }
         _ => None,
     }
 }
@@ -64,7 +67,9 @@ mod tests {
         ];
         for ((a, b), (c, d)) in cases {
             let line = Line::through(a, b);
-            let line = snap(&line, &piece, others.clone(), |_| 0.05).unwrap_or(line);
+            let snapped = snap(&line, &piece, others.clone(), |_| 0.05);
+            let (line, both) = snapped.unwrap_or((line, false));
+            assert_eq!(both, (a[0] - c[0]).abs() < 0.03 && c[1] == 0.0, "{line:?}");
             assert!(line.side_m(c).abs() < 1e-9 && line.side_m(d).abs() < 1e-9, "{line:?}");
         }
     }

@@ -4,6 +4,7 @@
 //! stages run in lockstep in this process (`orime-evaluate track`).
 
 pub mod judge;
+pub mod latency;
 pub mod picture;
 pub mod pipeline;
 pub mod scores;

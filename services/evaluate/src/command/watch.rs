@@ -3,6 +3,7 @@
 use anyhow::Context;
 use orime_creases::Folds;
 use orime_evaluate::judge::{Judge, StepInput};
+use orime_evaluate::latency::{LatencyFigures, Timing};
 use orime_evaluate::picture::PanelInput;
 use orime_evaluate::summary::StageMs;
 use orime_geometry::RgbdCamera;
@@ -18,12 +19,13 @@ use super::output::{self, Pictures};
 
 /// Score a running service set from outside (started by `orime up`).
 ///
-/// Prints one JSON line per step, and writes summary.json, steps.csv and pictures at the end.
+/// Prints one JSON line per step, and writes summary.json, steps.csv, latency.json and
+/// pictures at the end.
 #[derive(Debug, clap::Args)]
 pub struct WatchArguments {
     /// The set file.
     set: PathBuf,
-    /// Folder for summary.json, steps.csv and pictures/.
+    /// Folder for summary.json, steps.csv, latency.json and pictures/.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// A picture every N steps; 0 makes about sixteen of a recording, 100 apart if endless.
@@ -46,6 +48,7 @@ struct Watch {
     frames: FrameSubscription,
     records: Subscription<StageRecord>,
     times: BTreeMap<u64, StageMs>,
+    timings: Vec<Timing>,
     pictures: Pictures,
     cameras: Vec<Option<RgbdCamera>>,
     /// Step and colour image of the pictured camera.
@@ -70,6 +73,12 @@ pub fn run(arguments: &WatchArguments) -> anyhow::Result<()> {
         if state.n_nodes > 0 {
             watch.score(&state)?;
         }
+        watch.timings.push(Timing {
+            latency_ms: state.header.publish_ns.saturating_sub(state.header.arrival_ns) as f64
+                * 1e-6,
+            effort: state.figures.effort,
+            cut_short: state.figures.cut_short != 0,
+        });
         watch.take_times()?;
     }
     watch.take_times()?;
@@ -78,6 +87,12 @@ pub fn run(arguments: &WatchArguments) -> anyhow::Result<()> {
     output::write_json(&arguments.out.join("summary.json"), &name, &watch.judge)?;
     output::write_csv(&arguments.out.join("steps.csv"), watch.judge.steps())?;
     eprintln!("{}", output::table(&name, &watch.judge.summary()));
+    if let Some(figures) = LatencyFigures::of(&watch.timings, service.set().budget_ms) {
+        let path = arguments.out.join("latency.json");
+        let text = serde_json::to_string_pretty(&figures)? + "\n";
+        std::fs::write(&path, text).with_context(|| format!("writing `{}`", path.display()))?;
+        eprintln!("{figures}");
+    }
     Ok(())
 }
 
@@ -101,6 +116,7 @@ impl Watch {
             frames: service.subscribe_frames()?,
             records: service.subscribe(&channel::RECORD)?,
             times: BTreeMap::new(),
+            timings: Vec::new(),
             pictures,
             cameras: Vec::new(),
             images: VecDeque::new(),

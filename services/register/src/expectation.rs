@@ -71,6 +71,7 @@ impl Components {
     }
 
     /// Position of a component, metres.
+    #[cfg(test)]
     pub fn position_m(&self, place: usize) -> [f32; 3] {
         [self.at_m[0][place], self.at_m[1][place], self.at_m[2][place]]
     }

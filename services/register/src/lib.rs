@@ -20,6 +20,7 @@ mod isometry;
 mod mixture;
 mod outline;
 mod params;
+mod projector;
 mod refine;
 mod registrar;
 mod score;

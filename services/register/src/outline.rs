@@ -27,7 +27,7 @@ use crate::blend::{Blend, Blender};
 use nalgebra::Vector2;
 use orime_creases::Folds;
 use orime_geometry::{Edgel, RgbdCamera, SheetGrid};
-use view::View;
+use view::{Probes, View};
 
 /// σ_c: how far the seen contour is from the paper's edge, pixels.
 const SIGMA_PX: f64 = 1.0;
@@ -62,6 +62,7 @@ pub(crate) struct Outline {
     pub positions_m: Vec<[f32; 3]>,
     views: Vec<View>,
     edgels: Vec<Edgel>,
+    probes: Probes,
     /// Rows of the last [`Outline::matched`].
     pub rows: Vec<Row>,
 }
@@ -79,6 +80,7 @@ impl Outline {
             positions_m: Vec::new(),
             views: Vec::new(),
             edgels: Vec::new(),
+            probes: Probes::default(),
             rows: Vec::new(),
         };
         let flat = Folds::flat(sheet);
@@ -158,9 +160,12 @@ impl Outline {
         self.place(nodes_m);
         self.rows.clear();
         let reach_px = REACH_PX[usize::from(iteration >= CLASSIFY_AT[1])];
+        if CLASSIFY_AT.contains(&iteration) {
+            self.probes.place(&self.samples, nodes_m);
+        }
         for view in &mut self.views {
             if iteration == CLASSIFY_AT[0] || iteration == CLASSIFY_AT[1] && view.has_moved() {
-                view.classify(&self.samples, nodes_m, &self.triangles, &self.edgels);
+                view.classify(&self.probes, nodes_m, &self.triangles, &self.edgels);
             }
             for k in 0..view.silhouettes.len() {
                 let silhouette = view.silhouettes[k];

@@ -8,6 +8,7 @@
 //! Source: `../shared/design/loop.md`, `visible` in its prototype.
 
 use crate::mixture::Mixture;
+use crate::projector::Coordinates;
 use crate::zbuffer::{EMPTY, ZBuffer, centres_m};
 use orime_geometry::{RgbdCamera, SheetGrid};
 
@@ -26,6 +27,7 @@ pub(crate) struct Visibility {
     own_m: f32,
     cameras: Vec<RgbdCamera>,
     buffers: Vec<ZBuffer>,
+    projected: Coordinates,
     /// Per camera, one weight per place of a component: 1 seen, [`HIDDEN`] not, 0 left over.
     priors: Vec<Vec<f32>>,
 }
@@ -40,6 +42,7 @@ impl Visibility {
             triangles,
             cameras: Vec::new(),
             buffers: Vec::new(),
+            projected: Coordinates::default(),
             priors: Vec::new(),
         }
     }
@@ -59,27 +62,24 @@ impl Visibility {
         self.priors.resize(cameras.len(), Vec::new());
         for (buffer, priors) in self.buffers.iter_mut().zip(&mut self.priors) {
             buffer.draw(nodes_m, &self.triangles);
+            buffer.project(&mixture.components.at_m, &mut self.projected);
             priors.clear();
             for (m, uv) in mixture.uv_m.iter().enumerate() {
                 if !mixture.blocks.is_present(m) {
                     priors.push(0.0);
                     continue;
                 }
-                let seen =
-                    buffer.project(mixture.components.position_m(m)).is_some_and(|[x, y, _]| {
-                        let near = |dx: i32, dy: i32| {
-                            let (triangle, _) = buffer.at(x + dx as f32, y + dy as f32);
-                            triangle != EMPTY && {
-                                let c = self.centres_m[triangle as usize];
-                                (c[0] - uv[0]).abs() < self.own_m
-                                    && (c[1] - uv[1]).abs() < self.own_m
-                            }
-                        };
-                        let hits = (-1..=1)
-                            .flat_map(|dy| (-1..=1).map(move |dx| (dx, dy)))
-                            .filter(|(dx, dy)| near(*dx, *dy));
-                        hits.take(2).count() == 2
-                    });
+                let [x, y, _] = self.projected.at(m);
+                let near = |dx: i32, dy: i32| {
+                    let (triangle, _) = buffer.at(x + dx as f32, y + dy as f32);
+                    triangle != EMPTY && {
+                        let c = self.centres_m[triangle as usize];
+                        (c[0] - uv[0]).abs() < self.own_m && (c[1] - uv[1]).abs() < self.own_m
+                    }
+                };
+                // Behind the camera is NaN, which is nowhere in the image.
+                let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy)));
+                let seen = around.filter(|(dx, dy)| near(*dx, *dy)).take(2).count() == 2;
                 priors.push(if seen { 1.0 } else { HIDDEN });
             }
         }

@@ -1,6 +1,7 @@
 //! A depth image of the model sheet, as one camera would see it.
 
-use nalgebra::{Isometry3, Point3, Vector2};
+use crate::projector::{Coordinates, Projector};
+use nalgebra::Isometry3;
 use orime_geometry::{CameraModel, SheetGrid};
 use orime_lanes::{LANES, Lanes, Pass, Width};
 
@@ -13,18 +14,16 @@ const NONE: f32 = -1.0;
 /// Inverse depth and triangle per pixel.
 #[derive(Debug, Clone)]
 pub(crate) struct ZBuffer {
-    camera_from_world: Isometry3<f64>,
-    lens: CameraModel,
-    /// Pixels of this buffer per pixel of the lens.
-    scale: f64,
+    projector: Projector,
     pub width: usize,
     pub height: usize,
     /// 1/z, 1/m; 0 where empty. A vector of room behind, as `triangle`.
     inverse_depth: Vec<f32>,
     /// Index of the front triangle, as a number; [`NONE`] where empty.
     triangle: Vec<f32>,
-    /// Projected nodes: column, row, 1/z; NaN where not in front of the camera.
-    projected: Vec<[f32; 3]>,
+    /// The nodes, and where they are in the image: column, row, 1/z; NaN where not in front.
+    nodes_m: Coordinates,
+    projected: Coordinates,
     /// Rows and columns that were drawn to and must be cleared.
     drawn: [usize; 4],
     lanes: Width,
@@ -36,15 +35,14 @@ impl ZBuffer {
         let width = (f64::from(lens.width) * scale).ceil() as usize;
         let height = (f64::from(lens.height) * scale).ceil() as usize;
         Self {
-            camera_from_world: world_from_camera.inverse(),
-            lens: lens.clone(),
-            scale,
+            projector: Projector::new(lens, world_from_camera, scale),
             width,
             height,
             inverse_depth: vec![0.0; width * height + LANES],
             triangle: vec![NONE; width * height + LANES],
             lanes: Width::available()[0],
-            projected: Vec::new(),
+            nodes_m: Coordinates::default(),
+            projected: Coordinates::default(),
             drawn: [0; 4],
         }
     }
@@ -52,19 +50,14 @@ impl ZBuffer {
     /// Draws the sheet.
     pub fn draw(&mut self, nodes_m: &[[f32; 3]], triangles: &[[u32; 3]]) {
         self.clear();
-        self.projected.clear();
-        for node in nodes_m {
-            let projected = self.project(*node);
-            self.projected.push(projected.unwrap_or([f32::NAN; 3]));
-        }
+        self.nodes_m.set(nodes_m.iter().copied());
+        self.projector.project(&self.nodes_m.axes, &mut self.projected);
         self.lanes.run(Draw { buffer: self, triangles });
     }
 
-    /// Column, row and 1/z of a world point; `None` behind the camera.
-    pub fn project(&self, point_m: [f32; 3]) -> Option<[f32; 3]> {
-        let point = self.camera_from_world * Point3::from(point_m).cast::<f64>();
-        let pixel: Vector2<f64> = self.lens.project(&point)? * self.scale;
-        Some([pixel.x as f32, pixel.y as f32, (1.0 / point.z) as f32])
+    /// Column, row and 1/z of world points, see [`Projector::project`].
+    pub fn project(&self, at_m: &[Vec<f32>; 3], projected: &mut Coordinates) {
+        self.projector.project(at_m, projected);
     }
 
     /// Triangle and 1/z at a pixel; `EMPTY` and 0 outside.
@@ -109,7 +102,7 @@ impl Pass for Draw<'_> {
         let mut image = Image { size: [*width, *height], inverse_depth, triangle };
         for (index, corners) in self.triangles.iter().enumerate() {
             let [a, b, c] = *corners;
-            let p = [projected[a as usize], projected[b as usize], projected[c as usize]];
+            let p = [projected.at(a as usize), projected.at(b as usize), projected.at(c as usize)];
             fill::<V>(&mut image, index as f32, p, &mut drawn);
         }
         self.buffer.drawn = drawn;

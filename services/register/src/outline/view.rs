@@ -1,6 +1,8 @@
 //! One camera's contour, and which samples it should see as such.
 
 use super::sample::Sample;
+use crate::blend::Blend;
+use crate::projector::Coordinates;
 use crate::zbuffer::{EMPTY, ZBuffer};
 use nalgebra::{Matrix3, Point3, Vector2, Vector3};
 use orime_geometry::{Edgel, RgbdCamera};
@@ -23,6 +25,29 @@ const STEP_M: f32 = 4e-3;
 const MARGIN_PX: f64 = 4.0;
 /// Samples that have not moved farther are the contour that they were, pixels.
 const MOVED_PX: f64 = 0.5;
+
+/// What is asked about every sample: where it is, its neighbours, and points inside the sheet.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Probes {
+    count: usize,
+    /// As the fields of [`Sample`], world frame, metres.
+    points_m: [Coordinates; PROBES],
+}
+
+/// Points per sample.
+const PROBES: usize = 5;
+
+impl Probes {
+    /// Takes over the samples, where the nodes are now.
+    pub fn place(&mut self, samples: &[Sample], nodes_m: &[[f32; 3]]) {
+        self.count = samples.len();
+        let blends: [fn(&Sample) -> &Blend; PROBES] =
+            [|s| &s.here, |s| &s.before, |s| &s.after, |s| &s.inside[0], |s| &s.inside[1]];
+        for (points_m, blend) in self.points_m.iter_mut().zip(blends) {
+            points_m.set(samples.iter().map(|sample| blend(sample).position_m(nodes_m)));
+        }
+    }
+}
 
 /// A sample that this camera should see as contour.
 #[derive(Debug, Clone, Copy)]
@@ -49,6 +74,8 @@ pub(super) struct View {
     columns: usize,
     cells: Vec<Vec<u32>>,
     buffer: ZBuffer,
+    /// The probes in this image.
+    projected: [Coordinates; PROBES],
     pub silhouettes: Vec<Silhouette>,
     /// Edgels that silhouettes may match: along the silhouette's normal and tangent, pixels.
     candidates: Vec<[f64; 2]>,
@@ -68,6 +95,7 @@ impl View {
             columns,
             cells: vec![Vec::new(); columns * rows],
             buffer: ZBuffer::new(&camera.color, &camera.world_from_color, 1.0),
+            projected: Default::default(),
             silhouettes: Vec::new(),
             candidates: Vec::new(),
             moved_px: f64::INFINITY,
@@ -108,17 +136,20 @@ impl View {
     /// Finds the samples that are contour in the model's own image, and the edgels near them.
     pub fn classify(
         &mut self,
-        samples: &[Sample],
+        probes: &Probes,
         nodes_m: &[[f32; 3]],
         triangles: &[[u32; 3]],
         edgels: &[Edgel],
     ) {
         self.buffer.draw(nodes_m, triangles);
+        for (points_m, projected) in probes.points_m.iter().zip(&mut self.projected) {
+            self.buffer.project(&points_m.axes, projected);
+        }
         self.silhouettes.clear();
         self.candidates.clear();
         self.moved_px = 0.0;
-        for (index, sample) in samples.iter().enumerate() {
-            if let Some((kind, normal, pixel)) = self.silhouette(sample, nodes_m) {
+        for index in 0..probes.count {
+            if let Some((kind, normal, pixel)) = self.silhouette(index) {
                 self.silhouettes.push(Silhouette {
                     sample: index as u32,
                     kind,
@@ -157,19 +188,19 @@ impl View {
     }
 
     /// Kind of edge, outward normal and pixel of a sample that is contour.
-    fn silhouette(
-        &self,
-        sample: &Sample,
-        nodes_m: &[[f32; 3]],
-    ) -> Option<(u32, Vector2<f64>, Vector2<f64>)> {
-        let place = |blend: &crate::blend::Blend| self.buffer.project(blend.position_m(nodes_m));
+    fn silhouette(&self, index: usize) -> Option<(u32, Vector2<f64>, Vector2<f64>)> {
+        let [here, before, after, inside @ ..] = &self.projected;
         let pixel = |p: [f32; 3]| Vector2::new(f64::from(p[0]), f64::from(p[1]));
-        let here = place(&sample.here)?;
-        let along = pixel(place(&sample.after)?) - pixel(place(&sample.before)?);
+        let place = |of: &Coordinates| {
+            let p = of.at(index);
+            (!p[0].is_nan()).then_some(p)
+        };
+        let here = place(here)?;
+        let along = pixel(place(after)?) - pixel(place(before)?);
         let along = along.try_normalize(LENGTH_PX_MIN)?;
         let mut normal = Vector2::new(along.y, -along.x);
         let depth = |inside| Some(normal.dot(&(pixel(place(inside)?) - pixel(here))));
-        let [a, b] = [depth(&sample.inside[0])?, depth(&sample.inside[1])?];
+        let [a, b] = [depth(&inside[0])?, depth(&inside[1])?];
         // Seen edge on, a sheet has no outside; nor has a crease whose facets lie on both sides.
         if a * b <= 0.0 || a.abs().max(b.abs()) < 0.5 {
             return None;

@@ -227,15 +227,21 @@ impl LineFinder {
         (UNSURE.0 * estimate.deviation_m(end)).min(UNSURE.1 * self.nodes.h_m)
     }
 
-    /// Joins facets whose crease never became a fold.
+    /// Joins a facet whose crease never became a fold to what lies beyond it.
     fn undo(&mut self, folds: &mut Folds) -> bool {
         let never = |cut: &Cut| {
-            let between_facets = cut.sides.iter().all(|side| matches!(side, Side::Facet(_)));
-            between_facets && cut.unfolded >= UNDO.0 && cut.angle_max_rad < UNDO.2.to_radians()
+            let has_facet = cut.sides.iter().any(|side| matches!(side, Side::Facet(_)));
+            has_facet && cut.unfolded >= UNDO.0 && cut.angle_max_rad < UNDO.2.to_radians()
         };
         let Some(cut) = self.tree.cuts.iter().position(never) else { return false };
-        let Some(from) = self.tree.join(cut) else { return false };
-        let Some(facets) = self.tree.facets() else { return false };
+        let before = self.tree.clone();
+        let joined = self.tree.join(cut).zip(self.tree.facets());
+        let Some((from, facets)) = joined else {
+            // A line that goes on into the facet would leave a sliver.
+            self.tree = before;
+            self.tree.cuts[cut].unfolded = 0;
+            return false;
+        };
         folds.retile(facets, &from);
         self.candidates.iter_mut().for_each(Vec::clear);
         self.list_members(folds);

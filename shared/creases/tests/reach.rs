@@ -200,6 +200,34 @@ fn a_fold_that_never_was_is_undone_and_a_real_one_stays() {
 }
 
 #[test]
+fn a_fold_that_never_was_is_undone_although_others_came_beside_it() {
+    let config = CreaseParams::default().check().unwrap();
+    // A corner bends up, and lies flat again while the sheet is folded along u = 0.1 m.
+    let bent = |corner_deg: f64, fold_deg: f64| -> Vec<[f32; 3]> {
+        let place = |[u, v]: [f64; 2]| {
+            let beyond = (0.06 - u - v).max(0.0) / 2f64.sqrt();
+            let (sin, cos) = corner_deg.to_radians().sin_cos();
+            let back = beyond * (1.0 - cos) / 2f64.sqrt();
+            let over = (u - 0.1).max(0.0);
+            let (fold_sin, fold_cos) = fold_deg.to_radians().sin_cos();
+            let z = beyond * sin + over * fold_sin;
+            [(u + back - over * (1.0 - fold_cos)) as f32, (v + back) as f32, z as f32]
+        };
+        sheet(0.15).uv_m().map(place).collect()
+    };
+    let mut finder = CreaseFinder::new(&config, &sheet(0.15));
+    let sure = vec![1.0; sheet(0.15).len()];
+    (0..10).for_each(|_| _ = finder.step(&bent(40.0, 0.0), &sure));
+    assert_eq!(finder.folds().facets().len(), 2, "the corner");
+    (0..10).for_each(|_| _ = finder.step(&bent(20.0, 90.0), &sure));
+    assert_eq!(finder.folds().facets().len(), 3, "and the fold");
+    (0..60).for_each(|_| _ = finder.step(&bent(0.0, 90.0), &sure));
+    assert_eq!(finder.folds().facets().len(), 2, "the fold alone");
+    let crease = finder.folds().creases()[0];
+    assert!(crease.ends_m.iter().all(|end| (end[0] - 0.1).abs() < 1e-3), "{crease:?}");
+}
+
+#[test]
 fn equal_input_gives_equal_bits() {
     let scene = Scene::new(SceneKind::Blintz, &sheet(0.15), 1).unwrap();
     let config = CreaseParams::default().check().unwrap();

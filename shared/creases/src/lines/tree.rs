@@ -97,12 +97,16 @@ impl Tree {
         self.cuts.push(cut);
     }
 
-    /// Undoes a cut between two facets. The left one's number stays for both, the last number
-    /// takes the right one's place; returns which facet each of the new ones was.
+    /// Undoes a cut of which one side is a facet: what lies on the other side takes that over. Of
+    /// two facets the left one's number stays; the last number takes the place of the one that is
+    /// gone. Returns which facet each of the new ones was.
     pub fn join(&mut self, cut: usize) -> Option<Vec<usize>> {
-        let [Side::Facet(kept), Side::Facet(gone)] = self.cuts[cut].sides else { return None };
+        let (kept, gone) = match self.cuts[cut].sides {
+            [kept, Side::Facet(gone)] | [Side::Facet(gone), kept] => (kept, gone),
+            _ => return None,
+        };
         let last = self.cuts.len();
-        self.replace(Side::Cut(cut), Side::Facet(kept));
+        self.replace(Side::Cut(cut), kept);
         if gone != last {
             self.replace(Side::Facet(last), Side::Facet(gone));
         }

@@ -32,6 +32,9 @@ use tree::{Cut, Side, Tree};
 const DIRECTIONS: usize = 36;
 /// Least width of both parts of a split, spacings, and least weight of their nodes.
 const PART_MIN: (f64, f64) = (1.2, 6.0);
+/// Least share of the sheet's nodes on either side of a crease off landmarks: tips that nobody sees well
+/// bend in many ways.
+const PART_OFF_LANDMARKS: f64 = 0.04;
 /// Standard deviations, and spacings at most, that a landmark may be off more than told.
 const UNSURE: (f64, f64) = (3.0, 0.5);
 /// A crease is undone after so many steps below the first angle, unless it ever passed the second.
@@ -141,15 +144,22 @@ impl LineFinder {
         folds.facets().len() > before
     }
 
-    /// Whether a fold of a facet is sharp enough for where it lies.
+    /// Whether a fold of a facet is sharp enough, and parts enough of it, for where it lies.
     fn may_be(&self, folds: &Folds, facet: usize, hinge: &Hinge) -> bool {
+        let piece = &folds.facets()[facet];
         let estimate = Estimate::new(hinge, self.nodes.h_m);
-        let is_known = self.planned(&hinge.line, hinge.middle_m()).is_some();
-        is_known
-            || hinge.angle_rad >= self.config.params.angle_off_landmarks_deg.to_radians()
-            || self
-                .at_landmarks(&estimate, &folds.facets()[facet], folds.facets())
-                .is_some_and(|(_, both)| both)
+        let ends = self.at_landmarks(&estimate, piece, folds.facets());
+        if self.planned(&hinge.line, hinge.middle_m()).is_some()
+            || ends.is_some_and(|(_, both)| both)
+        {
+            return true;
+        }
+        let members = &self.members[facet];
+        let is_left = |n: &&u32| hinge.line.side_m(self.nodes.uv_m[**n as usize]) > 0.0;
+        let left = members.iter().filter(is_left).count();
+        let least = left.min(members.len() - left) as f64;
+        hinge.angle_rad >= self.config.params.angle_off_landmarks_deg.to_radians()
+            && least >= PART_OFF_LANDMARKS * self.nodes.uv_m.len() as f64
     }
 
     /// Hands a facet's candidates to the parts that they lie in.

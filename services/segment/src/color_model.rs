@@ -8,6 +8,7 @@
 //! paper) is something else. Full light is what the sheet was brightest in, so that floor follows.
 
 use crate::bits::{BitImage, pack};
+use crate::window::Window;
 
 /// A colour as `(ln R'/G', ln B'/G', 0.35 ln V')`.
 pub(crate) type Feature = [f32; 3];
@@ -115,15 +116,17 @@ impl ColorTable {
         Self { levels, floor: 1, light: None }
     }
 
-    /// Learns from the sheet's pixels how bright it is: from their upper quartile.
-    pub fn follow(&mut self, color_rgb: &[u8], sheet: &BitImage) {
+    /// Learns from the sheet's pixels how bright it is: from their upper quartile. `sheet` is the
+    /// part `window` of an image that is `width` pixels wide.
+    pub fn follow(&mut self, color_rgb: &[u8], width: usize, window: &Window, sheet: &BitImage) {
         let Some(light) = self.light.as_mut().filter(|light| light.follows) else { return };
         let mut histogram = [0_u32; 32];
         for y in (0..sheet.height).step_by(4) {
             for (k, word) in sheet.row(y).iter().enumerate() {
                 let mut rest = word & 0x1111_1111_1111_1111;
                 while rest != 0 {
-                    let at = 3 * (y * sheet.width + 64 * k + rest.trailing_zeros() as usize);
+                    let x = window.x + 64 * k + rest.trailing_zeros() as usize;
+                    let at = 3 * ((window.y + y) * width + x);
                     rest &= rest - 1;
                     let value = color_rgb[at..at + 3].iter().fold(0, |a, b| a.max(*b));
                     histogram[usize::from(value >> 3)] += 1;
@@ -147,10 +150,12 @@ impl ColorTable {
         self.levels[index(rgb)] >= self.floor
     }
 
-    /// Marks the sheet-coloured pixels of a row-major `r, g, b` image.
-    pub fn classify(&self, color_rgb: &[u8], out: &mut BitImage) {
-        let width = out.width;
-        for (y, row) in color_rgb.chunks_exact(3 * width).enumerate() {
+    /// Marks the sheet-coloured pixels of the part `window` of a row-major `r, g, b` image that
+    /// is `width` pixels wide.
+    pub fn classify(&self, color_rgb: &[u8], width: usize, window: &Window, out: &mut BitImage) {
+        for y in 0..window.height {
+            let start = 3 * ((window.y + y) * width + window.x);
+            let row = &color_rgb[start..start + 3 * window.width];
             for (word, pixels) in out.row_mut(y).iter_mut().zip(row.chunks(3 * 64)) {
                 let mut bytes = [0; 64];
                 for (byte, rgb) in bytes.iter_mut().zip(pixels.chunks_exact(3)) {
@@ -228,12 +233,12 @@ mod tests {
         (0..40).for_each(|y| sheet.set_run(y, 3, 129));
         let image = |light: f32| [0; 130 * 40].map(|_: u8| lit(PAPER, light).map(|c| c as u8));
         for _ in 0..30 {
-            table.follow(image(1.0).as_flattened(), &sheet);
+            table.follow(image(1.0).as_flattened(), 130, &Window::whole(130, 40), &sheet);
         }
         check(&table, &LIGHTS);
         // Shade is no reason to forget what full light was.
         for _ in 0..300 {
-            table.follow(image(0.45).as_flattened(), &sheet);
+            table.follow(image(0.45).as_flattened(), 130, &Window::whole(130, 40), &sheet);
         }
         check(&table, &LIGHTS);
     }

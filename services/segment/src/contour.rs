@@ -10,6 +10,7 @@ use orime_geometry::{Edgel, EdgelKind};
 use crate::bits::BitImage;
 use crate::color_model::ColorTable;
 use crate::params::SegmentParams;
+use crate::window::Window;
 
 /// The profile runs this far to both sides, in half pixels.
 const HALF_STEPS: i32 = 6;
@@ -36,8 +37,12 @@ const WINDOW_PX: i32 = 4;
 /// A colour image and what is known about its pixels.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Contour<'a> {
-    /// Row-major `r, g, b`.
+    /// Row-major `r, g, b`, all of the image.
     pub color_rgb: &'a [u8],
+    /// The image's size.
+    pub size: [usize; 2],
+    /// The part of it that the binary images show.
+    pub window: Window,
     pub table: &'a ColorTable,
     /// The sheet, print filled in.
     pub mask: &'a BitImage,
@@ -55,16 +60,23 @@ impl Contour<'_> {
         taken.clear();
         let mut left_out = 0;
         let edge = 8;
-        for y in edge..self.mask.height.saturating_sub(edge) {
+        let [width, height] = self.size;
+        let start = [self.window.x, self.window.y];
+        let first = start.map(|c| c / params.edgel_spacing_px);
+        for y in 0..self.mask.height {
+            if start[1] + y < edge || start[1] + y + edge >= height {
+                continue;
+            }
             for k in 0..self.mask.words {
                 let mut rest = self.outline(k, y);
                 while rest != 0 {
                     let x = 64 * k + rest.trailing_zeros() as usize;
                     rest &= rest - 1;
-                    if x < edge || x + edge >= self.mask.width {
+                    if start[0] + x < edge || start[0] + x + edge >= width {
                         continue;
                     }
-                    let cell = [x, y].map(|c| c / params.edgel_spacing_px);
+                    let cell = [(0, x), (1, y)]
+                        .map(|(k, c)| (start[k] + c) / params.edgel_spacing_px - first[k]);
                     if taken.get(cell[0], cell[1]) {
                         continue;
                     }
@@ -101,6 +113,7 @@ impl Contour<'_> {
         }
         let normal = self.mask_normal(x as i32, y as i32)?;
         let tangent = [-normal[1], normal[0]];
+        let (x, y) = (self.window.x + x, self.window.y + y);
         let centre = [x as f32 + 0.5 * normal[0], y as f32 + 0.5 * normal[1]];
         let offset = |along: f32| {
             let at = [0, 1].map(|k| centre[k] + along * APART_PX * tangent[k]);
@@ -186,7 +199,7 @@ impl Contour<'_> {
     fn sample(&self, [x, y]: [f32; 2]) -> [f32; 3] {
         let (column, row) = (x as usize, y as usize);
         let (fx, fy) = (x - column as f32, y - row as f32);
-        let width = self.mask.width;
+        let width = self.size[0];
         let at = 3 * (row * width + column);
         let (top, bottom) = (&self.color_rgb[at..at + 6], &self.color_rgb[at + 3 * width..]);
         [0, 1, 2].map(|k| {

@@ -1,10 +1,13 @@
 //! One camera's depth image in metres, and where its pixels lie in the world and in colour.
 
+use std::ops::Range;
+
 use orime_geometry::nalgebra::{Isometry3, Vector2};
 use orime_geometry::{CameraModel, RgbdCamera};
 
 use crate::bits::{BitImage, pack};
 use crate::params::SegmentParams;
+use crate::window::{View, Window};
 
 /// Pixels around the depth image that hold no depth, so that neighbours need no bounds.
 pub(crate) const PAD: usize = 8;
@@ -12,16 +15,25 @@ pub(crate) const PAD: usize = 8;
 /// No colour pixel.
 const NOWHERE: u32 = u32::MAX;
 
-/// Geometry of a depth image, and the image that was loaded last.
+/// Geometry of a depth image, and the part of an image that was loaded last. Pixels are counted
+/// from that part's corner.
 #[derive(Debug)]
 pub(crate) struct DepthMap {
+    /// The part of the depth image that is looked at.
+    pub window: Window,
+    /// Its size.
     pub width: usize,
     pub height: usize,
+    /// Size of the image.
+    image: [usize; 2],
+    /// Where the window of the colour image begins.
+    color_start: [usize; 2],
     /// Focal lengths, pixels.
     pub focal_px: [f32; 2],
     /// Pixels with a depth that may be the sheet's.
     pub valid: BitImage,
-    /// Depth along the optical axis, metres, NaN where not `valid`; padded on all sides.
+    /// Depth of the whole image along the optical axis, metres, NaN where it cannot be the
+    /// sheet's; padded on all sides. Loaded in the window and [`PAD`] pixels around it.
     z_m: Vec<f32>,
     stride: usize,
     unit_m: f32,
@@ -82,10 +94,10 @@ struct ColorLens {
     rays: [Vec<f32>; 3],
     origin_m: [f32; 3],
     lens: CameraModel,
-    /// Bit address of each depth pixel's colour pixel, for the loaded image.
+    /// Bit address of each depth pixel's colour pixel, for the loaded part, row by row.
     pixels: Vec<u32>,
-    /// Bit addresses per row.
-    stride: u32,
+    /// The part of the colour image that counts.
+    window: Window,
 }
 
 impl ColorLens {
@@ -97,15 +109,24 @@ impl ColorLens {
             origin_m: rays.origin_m,
             lens: camera.color.clone(),
             pixels: vec![NOWHERE; camera.depth.pixels()],
-            stride: camera.color.width.next_multiple_of(64),
+            window: Window::whole(camera.color.width as usize, camera.color.height as usize),
         }
     }
 
-    /// Finds the colour pixels of a row of depth pixels from `start` on:
-    /// `K D(origin + z ray)`, to the nearest centre.
-    fn project_row(&mut self, start: usize, z_m: &[f32]) {
-        let lens = &self.lens;
-        let (width, height) = (lens.width as f32, lens.height as f32);
+    /// Bit addresses per row of the window.
+    fn stride(&self) -> usize {
+        self.window.width.next_multiple_of(64)
+    }
+
+    /// Finds the colour pixels of a row of depth pixels from `start` on, into those from `out`
+    /// on: `K D(origin + z ray)`, to the nearest centre.
+    fn project_row(&mut self, start: usize, out: usize, z_m: &[f32]) {
+        let (lens, window) = (&self.lens, self.window);
+        let [left, top] = [window.x, window.y].map(|c| c as f32);
+        let right = (window.x + window.width) as f32;
+        let bottom = (window.y + window.height) as f32;
+        let stride = self.stride() as u32;
+        let corner = window.y as u32 * stride + window.x as u32;
         let [fx, fy, cx, cy] =
             [lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px].map(|value| value as f32);
         let [k1, k2, p1, p2, k3] = lens.distortion.map(|value| value as f32);
@@ -114,9 +135,8 @@ impl ColorLens {
         let [rays_x, rays_y, rays_z] = &self.rays;
         let rays = rays_x[range.clone()].iter().zip(&rays_y[range.clone()]);
         let rays = rays.zip(&rays_z[range.clone()]);
-        for ((pixel, z), ((ray_x, ray_y), ray_z)) in
-            self.pixels[range].iter_mut().zip(z_m).zip(rays)
-        {
+        let pixels = &mut self.pixels[out..out + z_m.len()];
+        for ((pixel, z), ((ray_x, ray_y), ray_z)) in pixels.iter_mut().zip(z_m).zip(rays) {
             let depth = origin_z + z * ray_z;
             let inverse = 1.0 / depth;
             let x = (origin_x + z * ray_x) * inverse;
@@ -127,13 +147,14 @@ impl ColorLens {
             let v = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y;
             let (u, v) = (fx * u + cx + 0.5, fy * v + cy + 0.5);
             // NaN (no depth) fails every comparison.
-            let inside = (depth > 0.0) & (0.0 <= u) & (u < width) & (0.0 <= v) & (v < height);
+            let inside =
+                (depth > 0.0) & (left <= u) & (u < right) & (top <= v) & (v < bottom);
             let (u, v) = if inside { (u, v) } else { (0.0, 0.0) };
             // SAFETY: both are finite and in [0, 2^31), or 0. The checked conversion keeps this
             // loop, a third of this camera's time, from running on whole vectors.
             let (u, v) = unsafe { (u.to_int_unchecked::<i32>(), v.to_int_unchecked::<i32>()) };
-            let at = v as u32 * self.stride + u as u32;
-            *pixel = if inside { at } else { NOWHERE };
+            let at = (v as u32).wrapping_mul(stride).wrapping_add(u as u32);
+            *pixel = if inside { at.wrapping_sub(corner) } else { NOWHERE };
         }
     }
 }
@@ -144,8 +165,11 @@ impl DepthMap {
         let stride = width.next_multiple_of(64) + 2 * PAD;
         let color = (!camera.depth_is_registered()).then(|| ColorLens::new(camera));
         Self {
+            window: Window::whole(width, height),
             width,
             height,
+            image: [width, height],
+            color_start: [0; 2],
             focal_px: [camera.depth.fx_px as f32, camera.depth.fy_px as f32],
             valid: BitImage::new(width, height),
             z_m: vec![f32::NAN; stride * (height + 2 * PAD)],
@@ -158,26 +182,55 @@ impl DepthMap {
         }
     }
 
-    /// Takes over a raw image: `width * height` values, 0 where there is no return.
+    /// Looks at these parts of the images from the next [`Self::load`] on.
+    pub fn enter(&mut self, view: &View) {
+        self.window = view.depth;
+        (self.width, self.height) = (view.depth.width, view.depth.height);
+        self.valid.reshape(self.width, self.height);
+        self.color_start = [view.color.x, view.color.y];
+        if let Some(color) = &mut self.color {
+            color.window = view.color;
+        }
+    }
+
+    /// Takes over the window of a raw image: values of the whole image, 0 where there is no
+    /// return.
     pub fn load(&mut self, depth_units: &[u16]) {
         let [low, high] = self.range_m;
-        for y in 0..self.height {
-            let raw = &depth_units[y * self.width..(y + 1) * self.width];
+        let [columns, rows] = self.loaded();
+        for y in rows {
+            let raw = &depth_units[y * self.image[0]..][columns.clone()];
             let start = (y + PAD) * self.stride + PAD;
-            let z_m = &mut self.z_m[start..start + self.width];
+            let z_m = &mut self.z_m[start..][columns.clone()];
             for (z, raw) in z_m.iter_mut().zip(raw) {
                 let depth_m = f32::from(*raw) * self.unit_m;
                 *z =
                     if *raw != 0 && low <= depth_m && depth_m <= high { depth_m } else { f32::NAN };
             }
+        }
+        self.apply_workspace();
+        for y in 0..self.height {
+            let start = self.index(0, y as i32);
+            let z_m = &self.z_m[start..start + self.width];
             for (word, z) in self.valid.row_mut(y).iter_mut().zip(z_m.chunks(64)) {
                 let mut bytes = [0; 64];
                 bytes.iter_mut().zip(z).for_each(|(byte, z)| *byte = u8::from(*z > 0.0));
                 *word = pack(&bytes);
             }
         }
-        self.apply_workspace();
         self.project();
+    }
+
+    /// Columns and rows of the image that are loaded: the window and [`PAD`] around it.
+    fn loaded(&self) -> [Range<usize>; 2] {
+        let Window { x, y, width, height } = self.window;
+        [(x, width, self.image[0]), (y, height, self.image[1])]
+            .map(|(start, size, end)| start.saturating_sub(PAD)..(start + size + PAD).min(end))
+    }
+
+    /// Where the window of the colour image begins, pixels.
+    pub fn color_start(&self) -> [usize; 2] {
+        self.color_start
     }
 
     /// Depth in metres, NaN where there is none; `x`, `y` may be up to [`PAD`] outside.
@@ -193,7 +246,7 @@ impl DepthMap {
 
     /// World position of a pixel's point, metres.
     pub fn world_m(&self, x: usize, y: usize) -> [f32; 3] {
-        self.world.point(y * self.width + x, self.z_m(x as i32, y as i32))
+        self.world.point(self.pixel(x, y), self.z_m(x as i32, y as i32))
     }
 
     /// Row `y`, for its points in the world.
@@ -201,14 +254,14 @@ impl DepthMap {
         let start = self.index(0, y as i32);
         WorldRow {
             z_m: &self.z_m[start..start + self.width],
-            rays: &self.world.rays[y * self.width..(y + 1) * self.width],
+            rays: &self.world.rays[self.pixel(0, y)..][..self.width],
             origin_m: self.world.origin_m,
         }
     }
 
     /// Viewing ray of a pixel in world axes, `z = 1` along the optical axis.
     pub fn world_ray(&self, x: usize, y: usize) -> [f32; 3] {
-        self.world.rays[y * self.width + x]
+        self.world.rays[self.pixel(x, y)]
     }
 
     /// The depth pixels whose colour pixel is set in `mask`, into `out`. `words` says which
@@ -262,24 +315,30 @@ impl DepthMap {
     pub fn color_pixel(&self, x: usize, y: usize) -> Option<(usize, usize)> {
         let Some(color) = &self.color else { return Some((x, y)) };
         let at = color.pixels[y * self.width + x];
-        let stride = color.stride as usize;
+        let stride = color.stride();
         (at != NOWHERE).then_some((at as usize % stride, at as usize / stride))
     }
 
+    /// Where a pixel's depth is.
     fn index(&self, x: i32, y: i32) -> usize {
-        let (x, y) = (x + PAD as i32, y + PAD as i32);
+        let (x, y) = (x + (self.window.x + PAD) as i32, y + (self.window.y + PAD) as i32);
         y as usize * self.stride + x as usize
+    }
+
+    /// Where a pixel's viewing ray is.
+    fn pixel(&self, x: usize, y: usize) -> usize {
+        (self.window.y + y) * self.image[0] + self.window.x + x
     }
 
     fn apply_workspace(&mut self) {
         let Some([low, high]) = self.workspace_m else { return };
-        for y in 0..self.height {
-            for x in 0..self.width {
-                let point = self.world_m(x, y);
+        let [columns, rows] = self.loaded();
+        for y in rows {
+            for x in columns.clone() {
+                let z_m = &mut self.z_m[(y + PAD) * self.stride + PAD + x];
+                let point = self.world.point(y * self.image[0] + x, *z_m);
                 if !(0..3).all(|axis| low[axis] <= point[axis] && point[axis] <= high[axis]) {
-                    let at = self.index(x as i32, y as i32);
-                    self.z_m[at] = f32::NAN;
-                    self.valid.row_mut(y)[x / 64] &= !(1 << (x % 64));
+                    *z_m = f32::NAN;
                 }
             }
         }
@@ -287,10 +346,10 @@ impl DepthMap {
 
     /// Finds each depth pixel's colour pixel.
     fn project(&mut self) {
-        let Some(color) = &mut self.color else { return };
         for y in 0..self.height {
-            let start = (y + PAD) * self.stride + PAD;
-            color.project_row(y * self.width, &self.z_m[start..start + self.width]);
+            let (start, ray) = (self.index(0, y as i32), self.pixel(0, y));
+            let Some(color) = &mut self.color else { return };
+            color.project_row(ray, y * self.width, &self.z_m[start..start + self.width]);
         }
     }
 }

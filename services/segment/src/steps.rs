@@ -64,6 +64,13 @@ impl Steps {
         }
     }
 
+    /// Takes a window's size.
+    pub fn reshape(&mut self, width: usize, height: usize) {
+        for image in self.near.iter_mut().chain([&mut self.edge, &mut self.moved]) {
+            image.reshape(width, height);
+        }
+    }
+
     /// Examines the words of `map` in which `region` has a pixel.
     pub fn find(&mut self, map: &DepthMap, region: &BitImage) {
         self.near.iter_mut().for_each(BitImage::clear);

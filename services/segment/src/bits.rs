@@ -73,9 +73,13 @@ impl BitImage {
         self.bits[y * self.words + x / 64] >> (x % 64) & 1 == 1
     }
 
-    /// The pixel at a bit address, `64 words y + x`.
-    pub fn get_at(&self, address: u32) -> bool {
-        self.bits[address as usize / 64] >> (address % 64) & 1 == 1
+    /// Nine pixels of row `y` from `x` on, the first lowest; nothing is set beyond the row.
+    pub fn nine(&self, x: usize, y: usize) -> u32 {
+        let row = self.row(y);
+        let (k, shift) = (x / 64, x % 64);
+        let next = row.get(k + 1).copied().unwrap_or(0);
+        let both = u128::from(row[k]) | u128::from(next) << 64;
+        (both >> shift) as u32 & 0x1ff
     }
 
     /// Sets the pixel at a bit address, `64 words y + x`.

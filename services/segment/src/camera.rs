@@ -1,6 +1,7 @@
 //! One camera's segmentation: the pixels' story, from a frame to points and edgels.
 
 use orime_geometry::{Edgel, Feature, ObservedPoint, RgbdCamera, RgbdFrame, SheetGrid};
+use orime_lanes::Width;
 
 use crate::color_model::ColorTable;
 use crate::components::Components;
@@ -56,6 +57,7 @@ pub(crate) struct CameraSegmenter {
     /// How many times the smallest area is needed to learn a colour.
     learn_factor: f32,
     watch: Watch,
+    lanes: Width,
     /// What is looked at.
     view: View,
     /// Visible area of what was found in it.
@@ -117,6 +119,7 @@ impl CameraSegmenter {
             attempts: 0,
             learn_factor: (params.learn_area_ratio_min / params.area_ratio_min) as f32,
             watch: Watch::new(index, whole, camera.depth_is_registered(), params),
+            lanes: Width::available()[0],
             view: whole,
             area_m2: None,
             sheet_at: whole.depth,
@@ -285,7 +288,7 @@ impl CameraSegmenter {
         self.area_m2 = None;
         let (color, depth, params) = (&mut self.color, &mut self.depth, &self.params);
         let width = self.camera.color.width as usize;
-        table.classify(color_rgb, width, &self.view.color, &mut color.candidate);
+        table.classify(self.lanes, color_rgb, width, &self.view.color, &mut color.candidate);
         if let Some(finder) = &self.finder {
             finder.add_ink(&mut color.candidate);
         }
@@ -299,7 +302,8 @@ impl CameraSegmenter {
         depth.region.dilate(REGION_PX, &mut depth.scratch);
         color.eroded.copy_from(&color.candidate);
         color.eroded.erode(params.mask_margin_px, &mut color.scratch);
-        self.map.look_up(&color.eroded, Some(&depth.region), &mut depth.surface);
+        // What is left of the colours after erosion was set before.
+        self.map.look_up(&color.eroded, Some(&depth.sheet_colored), &mut depth.surface);
         self.steps.find(&self.map, &depth.region);
         depth.surface.and_not(&self.steps.edge);
         let evidence = Evidence {

@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use orime_geometry::nalgebra::{Isometry3, Vector2};
 use orime_geometry::{CameraModel, RgbdCamera};
+use orime_lanes::{Lanes, Pass, Width};
 
 use crate::bits::{BitImage, pack};
 use crate::params::SegmentParams;
@@ -42,22 +43,25 @@ pub(crate) struct DepthMap {
     world: Rays,
     /// `None` where depth is registered to colour.
     color: Option<ColorLens>,
+    lanes: Width,
 }
 
 /// Viewing rays of all pixels in some frame: a point is `origin_m + z ray`.
 #[derive(Debug)]
 struct Rays {
-    rays: Vec<[f32; 3]>,
+    /// By coordinate.
+    rays: [Vec<f32>; 3],
     origin_m: [f32; 3],
 }
 
 impl Rays {
     fn new(camera: &CameraModel, target_from_depth: &Isometry3<f64>) -> Self {
-        let mut rays = Vec::with_capacity(camera.pixels());
+        let mut rays = [(); 3].map(|()| Vec::with_capacity(camera.pixels()));
         for y in 0..camera.height {
             for x in 0..camera.width {
                 let ray = camera.ray(Vector2::new(f64::from(x), f64::from(y)));
-                rays.push((target_from_depth.rotation * ray).cast::<f32>().into());
+                let ray = (target_from_depth.rotation * ray).cast::<f32>();
+                (0..3).for_each(|axis| rays[axis].push(ray[axis]));
             }
         }
         let origin_m = target_from_depth.translation.vector.cast::<f32>().into();
@@ -65,34 +69,25 @@ impl Rays {
     }
 
     fn point(&self, pixel: usize, z_m: f32) -> [f32; 3] {
-        let ray = self.rays[pixel];
-        [0, 1, 2].map(|axis| self.origin_m[axis] + z_m * ray[axis])
+        [0, 1, 2].map(|axis| self.origin_m[axis] + z_m * self.rays[axis][pixel])
     }
 }
 
 /// One row of a depth image.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct WorldRow<'a> {
-    z_m: &'a [f32],
-    rays: &'a [[f32; 3]],
-    origin_m: [f32; 3],
-}
-
-impl WorldRow<'_> {
-    /// World position of pixel `x`, metres; NaN without depth.
-    pub fn point(&self, x: usize) -> [f32; 3] {
-        let (z_m, ray) = (self.z_m[x], self.rays[x]);
-        [0, 1, 2].map(|axis| self.origin_m[axis] + z_m * ray[axis])
-    }
+    /// Depth, metres, NaN without one.
+    pub z_m: &'a [f32],
+    /// Viewing rays by coordinate: a point is `origin_m + z ray`.
+    pub rays: [&'a [f32]; 3],
+    pub origin_m: [f32; 3],
 }
 
 /// How the colour camera sees the depth image's points.
 #[derive(Debug)]
 struct ColorLens {
-    /// Viewing rays of the depth pixels in the colour frame, by coordinate: a point is
-    /// `origin_m + z ray`.
-    rays: [Vec<f32>; 3],
-    origin_m: [f32; 3],
+    /// Viewing rays of the depth pixels in the colour frame.
+    rays: Rays,
     lens: CameraModel,
     /// Bit address of each depth pixel's colour pixel, for the loaded part, row by row.
     pixels: Vec<u32>,
@@ -102,11 +97,8 @@ struct ColorLens {
 
 impl ColorLens {
     fn new(camera: &RgbdCamera) -> Self {
-        let rays = Rays::new(&camera.depth, &camera.color_from_depth);
-        let coordinate = |axis: usize| rays.rays.iter().map(|ray| ray[axis]).collect();
         Self {
-            rays: [coordinate(0), coordinate(1), coordinate(2)],
-            origin_m: rays.origin_m,
+            rays: Rays::new(&camera.depth, &camera.color_from_depth),
             lens: camera.color.clone(),
             pixels: vec![NOWHERE; camera.depth.pixels()],
             window: Window::whole(camera.color.width as usize, camera.color.height as usize),
@@ -120,6 +112,7 @@ impl ColorLens {
 
     /// Finds the colour pixels of a row of depth pixels from `start` on, into those from `out`
     /// on: `K D(origin + z ray)`, to the nearest centre.
+    #[inline(always)]
     fn project_row(&mut self, start: usize, out: usize, z_m: &[f32]) {
         let (lens, window) = (&self.lens, self.window);
         let [left, top] = [window.x, window.y].map(|c| c as f32);
@@ -130,9 +123,9 @@ impl ColorLens {
         let [fx, fy, cx, cy] =
             [lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px].map(|value| value as f32);
         let [k1, k2, p1, p2, k3] = lens.distortion.map(|value| value as f32);
-        let [origin_x, origin_y, origin_z] = self.origin_m;
+        let [origin_x, origin_y, origin_z] = self.rays.origin_m;
         let range = start..start + z_m.len();
-        let [rays_x, rays_y, rays_z] = &self.rays;
+        let [rays_x, rays_y, rays_z] = &self.rays.rays;
         let rays = rays_x[range.clone()].iter().zip(&rays_y[range.clone()]);
         let rays = rays.zip(&rays_z[range.clone()]);
         let pixels = &mut self.pixels[out..out + z_m.len()];
@@ -179,6 +172,7 @@ impl DepthMap {
             workspace_m: params.workspace_m.map(|b| b.map(|p| p.map(|x| x as f32))),
             world: Rays::new(&camera.depth, &camera.world_from_depth()),
             color,
+            lanes: Width::available()[0],
         }
     }
 
@@ -196,29 +190,42 @@ impl DepthMap {
     /// Takes over the window of a raw image: values of the whole image, 0 where there is no
     /// return.
     pub fn load(&mut self, depth_units: &[u16]) {
-        let [low, high] = self.range_m;
+        let lanes = self.lanes;
+        lanes.run(TakeDepths { map: self, depth_units });
+        self.apply_workspace();
+        lanes.run(MarkValid { map: self });
+        lanes.run(Project { map: self });
+    }
+
+    #[inline(always)]
+    fn take_depths(&mut self, depth_units: &[u16]) {
+        let ([low, high], unit_m) = (self.range_m, self.unit_m);
         let [columns, rows] = self.loaded();
         for y in rows {
             let raw = &depth_units[y * self.image[0]..][columns.clone()];
             let start = (y + PAD) * self.stride + PAD;
             let z_m = &mut self.z_m[start..][columns.clone()];
             for (z, raw) in z_m.iter_mut().zip(raw) {
-                let depth_m = f32::from(*raw) * self.unit_m;
-                *z =
-                    if *raw != 0 && low <= depth_m && depth_m <= high { depth_m } else { f32::NAN };
+                let depth_m = f32::from(*raw) * unit_m;
+                let good = (*raw != 0) & (low <= depth_m) & (depth_m <= high);
+                *z = if good { depth_m } else { f32::NAN };
             }
         }
-        self.apply_workspace();
+    }
+
+    #[inline(always)]
+    fn mark_valid(&mut self) {
         for y in 0..self.height {
             let start = self.index(0, y as i32);
             let z_m = &self.z_m[start..start + self.width];
             for (word, z) in self.valid.row_mut(y).iter_mut().zip(z_m.chunks(64)) {
                 let mut bytes = [0; 64];
-                bytes.iter_mut().zip(z).for_each(|(byte, z)| *byte = u8::from(*z > 0.0));
+                for (byte, z) in bytes.iter_mut().zip(z) {
+                    *byte = u8::from(*z > 0.0);
+                }
                 *word = pack(&bytes);
             }
         }
-        self.project();
     }
 
     /// Columns and rows of the image that are loaded: the window and [`PAD`] around it.
@@ -252,16 +259,18 @@ impl DepthMap {
     /// Row `y`, for its points in the world.
     pub fn world_row(&self, y: usize) -> WorldRow<'_> {
         let start = self.index(0, y as i32);
+        let first = self.pixel(0, y);
         WorldRow {
             z_m: &self.z_m[start..start + self.width],
-            rays: &self.world.rays[self.pixel(0, y)..][..self.width],
+            rays: self.world.rays.each_ref().map(|rays| &rays[first..first + self.width]),
             origin_m: self.world.origin_m,
         }
     }
 
     /// Viewing ray of a pixel in world axes, `z = 1` along the optical axis.
     pub fn world_ray(&self, x: usize, y: usize) -> [f32; 3] {
-        self.world.rays[self.pixel(x, y)]
+        let pixel = self.pixel(x, y);
+        [0, 1, 2].map(|axis| self.world.rays[axis][pixel])
     }
 
     /// The depth pixels whose colour pixel is set in `mask`, into `out`. `words` says which
@@ -275,17 +284,17 @@ impl DepthMap {
         for y in 0..self.height {
             let pixels = &color.pixels[y * self.width..(y + 1) * self.width];
             for (k, chunk) in pixels.chunks(64).enumerate() {
-                let asked = within.map_or(!0, |w| w.row(y)[k]);
-                let mut rest = asked & self.valid.row(y)[k];
+                let asked = within.map_or(!0, |w| w.row(y)[k]) & self.valid.row(y)[k];
                 let mut word = 0;
-                while rest != 0 {
-                    let bit = rest.trailing_zeros();
-                    rest &= rest - 1;
-                    let at = chunk[bit as usize];
-                    let set = at != NOWHERE && mask.get_at(at);
-                    word |= u64::from(set) << bit;
+                if asked != 0 {
+                    for at in chunk {
+                        // `NOWHERE` is in no word.
+                        let bits = mask.bits.get(*at as usize / 64).copied().unwrap_or(0);
+                        word = word >> 1 | bits >> (at % 64) << 63;
+                    }
+                    word >>= 64 - chunk.len();
                 }
-                out.row_mut(y)[k] = word;
+                out.row_mut(y)[k] = word & asked;
             }
         }
     }
@@ -345,11 +354,49 @@ impl DepthMap {
     }
 
     /// Finds each depth pixel's colour pixel.
+    #[inline(always)]
     fn project(&mut self) {
         for y in 0..self.height {
             let (start, ray) = (self.index(0, y as i32), self.pixel(0, y));
             let Some(color) = &mut self.color else { return };
             color.project_row(ray, y * self.width, &self.z_m[start..start + self.width]);
         }
+    }
+}
+
+/// Takes over depths.
+struct TakeDepths<'a> {
+    map: &'a mut DepthMap,
+    depth_units: &'a [u16],
+}
+
+impl Pass for TakeDepths<'_> {
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        self.map.take_depths(self.depth_units);
+    }
+}
+
+/// Marks pixels that have a depth.
+struct MarkValid<'a> {
+    map: &'a mut DepthMap,
+}
+
+impl Pass for MarkValid<'_> {
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        self.map.mark_valid();
+    }
+}
+
+/// Finds colour pixels.
+struct Project<'a> {
+    map: &'a mut DepthMap,
+}
+
+impl Pass for Project<'_> {
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        self.map.project();
     }
 }

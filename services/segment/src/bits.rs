@@ -1,5 +1,7 @@
 //! Binary images, 64 pixels to a word.
 
+use crate::window::Window;
+
 /// A binary image. Bits beyond the width are always zero.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct BitImage {
@@ -18,13 +20,66 @@ impl BitImage {
         Self { width, height, words, bits: vec![0; words * height] }
     }
 
+    /// Takes another size, at most the one that it was made for, without allocating. The content
+    /// is kept if the size is; else the image is empty.
+    pub fn reshape(&mut self, width: usize, height: usize) {
+        if (self.width, self.height) != (width, height) {
+            let words = width.div_ceil(64);
+            (self.width, self.height, self.words) = (width, height, words);
+            self.bits.clear();
+            self.bits.resize(words * height, 0);
+        }
+    }
+
+    /// Becomes the part `window` of an image of which `other` is the part `known`; nothing is
+    /// set outside that. Both begin at whole words.
+    pub fn copy_part(&mut self, window: &Window, other: &Self, known: &Window) {
+        self.reshape(window.width, window.height);
+        self.clear();
+        let first = window.x.max(known.x);
+        let last = (window.x + window.width).min(known.x + known.width);
+        if first >= last {
+            return;
+        }
+        let rows = window.y.max(known.y)..(window.y + window.height).min(known.y + known.height);
+        let words = (last - first).div_ceil(64);
+        let used = self.used(self.words - 1);
+        for y in rows {
+            let from = &other.row(y - known.y)[(first - known.x) / 64..][..words];
+            let row = self.row_mut(y - window.y);
+            row[(first - window.x) / 64..][..words].copy_from_slice(from);
+            if let Some(last) = row.last_mut() {
+                *last &= used;
+            }
+        }
+    }
+
+    /// The smallest window that holds every set pixel; `None` for an empty image.
+    pub fn bounds(&self) -> Option<Window> {
+        let (mut first, mut last) = (None, 0);
+        let (mut left, mut right) = (usize::MAX, 0);
+        for (y, row) in self.bits.chunks_exact(self.words).enumerate() {
+            let Some(low) = row.iter().position(|word| *word != 0) else { continue };
+            let high = row.iter().rposition(|word| *word != 0).unwrap_or(low);
+            first = first.or(Some(y));
+            last = y;
+            left = left.min(64 * low + row[low].trailing_zeros() as usize);
+            right = right.max(64 * (high + 1) - row[high].leading_zeros() as usize);
+        }
+        first.map(|y| Window { x: left, y, width: right - left, height: last + 1 - y })
+    }
+
     pub fn get(&self, x: usize, y: usize) -> bool {
         self.bits[y * self.words + x / 64] >> (x % 64) & 1 == 1
     }
 
-    /// The pixel at a bit address, `64 words y + x`.
-    pub fn get_at(&self, address: u32) -> bool {
-        self.bits[address as usize / 64] >> (address % 64) & 1 == 1
+    /// Nine pixels of row `y` from `x` on, the first lowest; nothing is set beyond the row.
+    pub fn nine(&self, x: usize, y: usize) -> u32 {
+        let row = self.row(y);
+        let (k, shift) = (x / 64, x % 64);
+        let next = row.get(k + 1).copied().unwrap_or(0);
+        let both = u128::from(row[k]) | u128::from(next) << 64;
+        (both >> shift) as u32 & 0x1ff
     }
 
     /// Sets the pixel at a bit address, `64 words y + x`.
@@ -204,5 +259,35 @@ pub(crate) mod picture {
                 row.chain(['\n']).collect::<String>()
             })
             .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_and_bounds_are_what_pixels_say() {
+        let mut image = BitImage::new(200, 30);
+        for [x, y] in [[70, 9], [127, 20], [128, 11], [140, 25], [5, 12], [199, 29]] {
+            image.set(x, y);
+        }
+        let known = Window { x: 64, y: 8, width: 136, height: 20 };
+        let mut part = BitImage::new(200, 30);
+        part.copy_part(&known, &image, &Window::whole(200, 30));
+        assert_eq!(part.bounds(), Some(Window { x: 6, y: 1, width: 71, height: 17 }));
+        for at in [[0, 0, 200, 30], [128, 16, 72, 14], [64, 0, 64, 16], [0, 8, 64, 20]] {
+            let [x, y, width, height] = at;
+            let window = Window { x, y, width, height };
+            let mut other = BitImage::new(200, 30);
+            other.copy_part(&window, &part, &known);
+            assert_eq!([other.width, other.height], [width, height]);
+            for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
+                let [left, top] = [window.x + x, window.y + y];
+                let inside = left >= 64 && (8..28).contains(&top);
+                assert_eq!(other.get(x, y), inside && image.get(left, top), "{window:?} {x} {y}");
+            }
+            assert_eq!(other.bounds().is_none(), other.count() == 0);
+        }
     }
 }

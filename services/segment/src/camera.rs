@@ -1,8 +1,8 @@
 //! One camera's segmentation: the pixels' story, from a frame to points and edgels.
 
 use orime_geometry::{Edgel, Feature, ObservedPoint, RgbdCamera, RgbdFrame, SheetGrid};
+use orime_lanes::Width;
 
-use crate::bits::BitImage;
 use crate::color_model::ColorTable;
 use crate::components::Components;
 use crate::contour::Contour;
@@ -18,6 +18,7 @@ use crate::params::{Markers, SegmentParams};
 use crate::select::{Evidence, Selector, SheetSize};
 use crate::steps::Steps;
 use crate::voxels::Voxels;
+use crate::window::{Sighting, View, Watch, Window};
 
 /// Neighbourhood of sheet-coloured pixels that is searched for steps in depth, pixels.
 const REGION_PX: usize = 16;
@@ -55,6 +56,14 @@ pub(crate) struct CameraSegmenter {
     attempts: u32,
     /// How many times the smallest area is needed to learn a colour.
     learn_factor: f32,
+    watch: Watch,
+    lanes: Width,
+    /// What is looked at.
+    view: View,
+    /// Visible area of what was found in it.
+    area_m2: Option<f32>,
+    /// What [`DepthImages::sheet`] is a part of.
+    sheet_at: Window,
     map: DepthMap,
     steps: Steps,
     selector: Selector,
@@ -90,6 +99,10 @@ impl CameraSegmenter {
         let cells = 2.0 * params.area_ratio_max * area_m2 / (params.voxel_m * params.voxel_m);
         let cells_max = (cells as usize + 1024).min(camera.depth.pixels());
         let outline_px = 4 * (width + height);
+        let whole = View {
+            color: Window::whole(width, height),
+            depth: Window::whole(map.width, map.height),
+        };
         Self {
             index: index as u32,
             camera: camera.clone(),
@@ -105,6 +118,11 @@ impl CameraSegmenter {
             missed: 0,
             attempts: 0,
             learn_factor: (params.learn_area_ratio_min / params.area_ratio_min) as f32,
+            watch: Watch::new(index, whole, camera.depth_is_registered(), params),
+            lanes: Width::available()[0],
+            view: whole,
+            area_m2: None,
+            sheet_at: whole.depth,
             steps: Steps::new(&map, params),
             selector: Selector::new(map.width, map.height),
             occluders: Occluders::new(map.width, map.height),
@@ -136,9 +154,17 @@ impl CameraSegmenter {
         self.finder.as_ref().map_or(&[], |finder| &finder.features)
     }
 
-    /// The mask of the last frame.
-    pub fn mask(&self) -> &BitImage {
-        &self.color.mask
+    /// The part of the colour image that was looked at last: corner and size.
+    pub fn window(&self) -> [[usize; 2]; 2] {
+        let Window { x, y, width, height } = self.view.color;
+        [[x, y], [width, height]]
+    }
+
+    /// Whether a pixel of the colour image showed the sheet in the last frame.
+    pub fn is_sheet(&self, x: usize, y: usize) -> bool {
+        let Window { x: left, y: top, width, height } = self.view.color;
+        let inside = (left..left + width).contains(&x) && (top..top + height).contains(&y);
+        inside && self.color.mask.get(x - left, y - top)
     }
 
     /// Segments one frame; the results stay until the next.
@@ -154,32 +180,70 @@ impl CameraSegmenter {
         let Some(frame) = frame.filter(|frame| frame.fits(&self.camera)) else {
             return Outcome::NoFrame;
         };
-        self.map.load(frame.depth_units);
-        if let Some(finder) = &mut self.finder {
-            finder.find(frame.color_rgb, &self.map);
-        }
         let found = match self.table.take() {
             Some(table) => {
-                let found = self.find_sheet(frame.color_rgb, &table).is_some();
+                let found = self.track(&frame, &table).is_some();
                 self.table = Some(table);
                 found || (self.missed >= self.params.relearn_after_frames && self.learn(&frame))
             }
-            None => self.learn(&frame),
+            None => {
+                self.enter(&frame, self.watch.whole());
+                self.learn(&frame)
+            }
         };
         if !found {
             self.missed = self.missed.saturating_add(1);
             self.color.mask.clear();
             self.depth.sheet.clear();
+            self.watch.saw(None);
             return Outcome::NoSheet;
         }
         self.missed = 0;
         self.attempts = 0;
+        self.watch.saw(self.sighting());
         self.take_points();
         self.take_edgels(frame.color_rgb);
         if let Some(table) = &mut self.table {
-            table.follow(frame.color_rgb, &self.color.mask);
+            let width = self.camera.color.width as usize;
+            table.follow(frame.color_rgb, width, &self.view.color, &self.color.mask);
         }
         Outcome::Sheet
+    }
+
+    /// Finds the sheet by a known colour: round where it was, and if that does not do, anywhere.
+    fn track(&mut self, frame: &RgbdFrame<'_>, table: &ColorTable) -> Option<()> {
+        if let Some(view) = self.watch.next_view() {
+            self.enter(frame, view);
+            self.find_sheet(frame.color_rgb, table);
+            let held = self.sighting().is_some_and(|found| self.watch.holds(&view, &found));
+            self.watch.judge(held);
+            if held {
+                return Some(());
+            }
+        }
+        self.enter(frame, self.watch.whole());
+        self.find_sheet(frame.color_rgb, table).map(|_| ())
+    }
+
+    /// Loads what is to be looked at.
+    fn enter(&mut self, frame: &RgbdFrame<'_>, view: View) {
+        let View { color, depth } = view;
+        self.view = view;
+        self.color.reshape(color.width, color.height);
+        self.builder.reshape(color.width, color.height);
+        if let Some(parallax) = &mut self.parallax {
+            parallax.reshape(color.width, color.height);
+        }
+        self.depth.reshape(depth.width, depth.height);
+        self.depth.before.copy_part(&depth, &self.depth.sheet, &self.sheet_at);
+        self.steps.reshape(depth.width, depth.height);
+        self.selector.reshape(depth.width, depth.height);
+        self.occluders.reshape(depth.width, depth.height);
+        self.map.enter(&view);
+        self.map.load(frame.depth_units);
+        if let Some(finder) = &mut self.finder {
+            finder.find(frame.color_rgb, &self.map);
+        }
     }
 
     /// Finds a colour with which this frame shows the sheet, and the sheet with it.
@@ -221,8 +285,10 @@ impl CameraSegmenter {
 
     /// From colours to the accepted patches of depth and the colour mask; the visible area, m².
     fn find_sheet(&mut self, color_rgb: &[u8], table: &ColorTable) -> Option<f32> {
+        self.area_m2 = None;
         let (color, depth, params) = (&mut self.color, &mut self.depth, &self.params);
-        table.classify(color_rgb, &mut color.candidate);
+        let width = self.camera.color.width as usize;
+        table.classify(self.lanes, color_rgb, width, &self.view.color, &mut color.candidate);
         if let Some(finder) = &self.finder {
             finder.add_ink(&mut color.candidate);
         }
@@ -236,7 +302,8 @@ impl CameraSegmenter {
         depth.region.dilate(REGION_PX, &mut depth.scratch);
         color.eroded.copy_from(&color.candidate);
         color.eroded.erode(params.mask_margin_px, &mut color.scratch);
-        self.map.look_up(&color.eroded, Some(&depth.region), &mut depth.surface);
+        // What is left of the colours after erosion was set before.
+        self.map.look_up(&color.eroded, Some(&depth.sheet_colored), &mut depth.surface);
         self.steps.find(&self.map, &depth.region);
         depth.surface.and_not(&self.steps.edge);
         let evidence = Evidence {
@@ -245,7 +312,7 @@ impl CameraSegmenter {
             sheet_colored: &depth.sheet_colored,
             surface: &depth.surface,
             colors: &self.components,
-            before: &depth.sheet,
+            before: &depth.before,
         };
         let (accepted, refused) = (&mut depth.accepted, &mut depth.refused);
         let area_m2 = self.selector.select(&evidence, &self.size, accepted, refused)?;
@@ -258,7 +325,18 @@ impl CameraSegmenter {
         };
         let hole_ratio_max = self.params.hole_ratio_max;
         self.builder.build(&surface, hole_ratio_max, &mut color.mask, &mut color.around);
-        Some(area_m2)
+        self.area_m2 = Some(area_m2);
+        self.area_m2
+    }
+
+    /// Where [`Self::find_sheet`] found the sheet, if it did.
+    fn sighting(&self) -> Option<Sighting> {
+        let whole = |inner: Window, at: Window| Window { x: at.x + inner.x, y: at.y + inner.y, ..inner };
+        Some(Sighting {
+            area_m2: self.area_m2?,
+            mask: whole(self.color.mask.bounds()?, self.view.color),
+            surface: whole(self.depth.accepted.bounds()?, self.view.depth),
+        })
     }
 
     /// Averages the points of the mask's depth pixels that see the sheet and nothing else.
@@ -267,6 +345,8 @@ impl CameraSegmenter {
         self.occluders.find(&self.steps, &depth.accepted);
         color.eroded.copy_from(&color.mask);
         color.eroded.erode(params.mask_margin_px, &mut color.scratch);
+        depth.sheet.reshape(self.view.depth.width, self.view.depth.height);
+        self.sheet_at = self.view.depth;
         self.map.look_up(&color.eroded, Some(&depth.region), &mut depth.sheet);
         depth.sheet.and_not(&self.steps.edge);
         depth.refused.dilate(1, &mut depth.scratch);
@@ -290,6 +370,8 @@ impl CameraSegmenter {
         color.occluded.dilate(params.edgel_occluder_margin_px, &mut color.scratch);
         let contour = Contour {
             color_rgb,
+            size: [self.camera.color.width as usize, self.camera.color.height as usize],
+            window: self.view.color,
             table,
             mask: &color.mask,
             around: &color.around,

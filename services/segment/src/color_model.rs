@@ -7,7 +7,10 @@
 //! What has the sheet's chroma and is darker than [`SHADE_MIN`] of it (a grey gripper at white
 //! paper) is something else. Full light is what the sheet was brightest in, so that floor follows.
 
+use orime_lanes::{Lanes, Pass, Width};
+
 use crate::bits::{BitImage, pack};
+use crate::window::Window;
 
 /// A colour as `(ln R'/G', ln B'/G', 0.35 ln V')`.
 pub(crate) type Feature = [f32; 3];
@@ -115,15 +118,17 @@ impl ColorTable {
         Self { levels, floor: 1, light: None }
     }
 
-    /// Learns from the sheet's pixels how bright it is: from their upper quartile.
-    pub fn follow(&mut self, color_rgb: &[u8], sheet: &BitImage) {
+    /// Learns from the sheet's pixels how bright it is: from their upper quartile. `sheet` is the
+    /// part `window` of an image that is `width` pixels wide.
+    pub fn follow(&mut self, color_rgb: &[u8], width: usize, window: &Window, sheet: &BitImage) {
         let Some(light) = self.light.as_mut().filter(|light| light.follows) else { return };
         let mut histogram = [0_u32; 32];
         for y in (0..sheet.height).step_by(4) {
             for (k, word) in sheet.row(y).iter().enumerate() {
                 let mut rest = word & 0x1111_1111_1111_1111;
                 while rest != 0 {
-                    let at = 3 * (y * sheet.width + 64 * k + rest.trailing_zeros() as usize);
+                    let x = window.x + 64 * k + rest.trailing_zeros() as usize;
+                    let at = 3 * ((window.y + y) * width + x);
                     rest &= rest - 1;
                     let value = color_rgb[at..at + 3].iter().fold(0, |a, b| a.max(*b));
                     histogram[usize::from(value >> 3)] += 1;
@@ -147,16 +152,69 @@ impl ColorTable {
         self.levels[index(rgb)] >= self.floor
     }
 
-    /// Marks the sheet-coloured pixels of a row-major `r, g, b` image.
-    pub fn classify(&self, color_rgb: &[u8], out: &mut BitImage) {
-        let width = out.width;
-        for (y, row) in color_rgb.chunks_exact(3 * width).enumerate() {
-            for (word, pixels) in out.row_mut(y).iter_mut().zip(row.chunks(3 * 64)) {
-                let mut bytes = [0; 64];
-                for (byte, rgb) in bytes.iter_mut().zip(pixels.chunks_exact(3)) {
-                    *byte = u8::from(self.levels[index([rgb[0], rgb[1], rgb[2]])] >= self.floor);
+    /// Marks the sheet-coloured pixels of the part `window` of a row-major `r, g, b` image that
+    /// is `width` pixels wide.
+    pub fn classify(
+        &self,
+        lanes: Width,
+        color_rgb: &[u8],
+        width: usize,
+        window: &Window,
+        out: &mut BitImage,
+    ) {
+        let first = 3 * (window.y * width + window.x);
+        lanes.run(Classify { table: self, color_rgb: &color_rgb[first..], width, out });
+    }
+
+    /// Which of 64 pixels are sheet-coloured.
+    #[inline(always)]
+    fn word(&self, pixels: &[u8; 3 * 64]) -> u64 {
+        // One loop of vectors, one of look-ups, one of vectors.
+        let mut indices = [0_u16; 64];
+        for (index, rgb) in indices.iter_mut().zip(pixels.chunks_exact(3)) {
+            let (r, g, b) = (u16::from(rgb[0]), u16::from(rgb[1]), u16::from(rgb[2]));
+            *index = r >> 3 << 10 | g >> 3 << 5 | b >> 3;
+        }
+        let mut bytes = [0; 64];
+        for (byte, index) in bytes.iter_mut().zip(indices) {
+            *byte = self.levels[usize::from(index & 0x7fff)];
+        }
+        let floor = self.floor;
+        for byte in &mut bytes {
+            *byte = u8::from(*byte >= floor);
+        }
+        pack(&bytes)
+    }
+}
+
+/// Classifies the rows of an image from a window's corner on.
+struct Classify<'a> {
+    table: &'a ColorTable,
+    color_rgb: &'a [u8],
+    /// Of the image, pixels.
+    width: usize,
+    out: &'a mut BitImage,
+}
+
+impl Pass for Classify<'_> {
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let Self { table, color_rgb, width, out } = self;
+        let (inside, height) = (out.width, out.height);
+        for y in 0..height {
+            let row = &color_rgb[3 * y * width..][..3 * inside];
+            let mut words = row.chunks_exact(3 * 64);
+            let out = out.row_mut(y);
+            for (word, pixels) in out.iter_mut().zip(&mut words) {
+                if let Ok(pixels) = pixels.try_into() {
+                    *word = table.word(pixels);
                 }
-                *word = pack(&bytes);
+            }
+            let rest = words.remainder();
+            if let Some(word) = out.last_mut().filter(|_| !rest.is_empty()) {
+                let mut pixels = [0; 3 * 64];
+                pixels[..rest.len()].copy_from_slice(rest);
+                *word = table.word(&pixels) & ((1 << (rest.len() / 3)) - 1);
             }
         }
     }
@@ -228,12 +286,12 @@ mod tests {
         (0..40).for_each(|y| sheet.set_run(y, 3, 129));
         let image = |light: f32| [0; 130 * 40].map(|_: u8| lit(PAPER, light).map(|c| c as u8));
         for _ in 0..30 {
-            table.follow(image(1.0).as_flattened(), &sheet);
+            table.follow(image(1.0).as_flattened(), 130, &Window::whole(130, 40), &sheet);
         }
         check(&table, &LIGHTS);
         // Shade is no reason to forget what full light was.
         for _ in 0..300 {
-            table.follow(image(0.45).as_flattened(), &sheet);
+            table.follow(image(0.45).as_flattened(), 130, &Window::whole(130, 40), &sheet);
         }
         check(&table, &LIGHTS);
     }

@@ -10,6 +10,7 @@ use orime_geometry::{Edgel, EdgelKind};
 use crate::bits::BitImage;
 use crate::color_model::ColorTable;
 use crate::params::SegmentParams;
+use crate::window::Window;
 
 /// The profile runs this far to both sides, in half pixels.
 const HALF_STEPS: i32 = 6;
@@ -31,13 +32,34 @@ const SHARP_SHARE: f32 = 0.8;
 const SHARP_PX: f32 = 2.0;
 
 /// Radius of the window that the mask's normal is taken from, pixels.
-const WINDOW_PX: i32 = 4;
+const WINDOW_PX: usize = 4;
+
+/// Its rows, of nine pixels each.
+const DISC: [u32; 9] = {
+    let mut rows = [0; 9];
+    let mut at = 0;
+    while at < 81 {
+        let (dx, dy) = (at as i32 % 9 - WINDOW_PX as i32, at as i32 / 9 - WINDOW_PX as i32);
+        if dx * dx + dy * dy <= (WINDOW_PX * WINDOW_PX) as i32 {
+            rows[at / 9] |= 1 << (at % 9);
+        }
+        at += 1;
+    }
+    rows
+};
+
+/// Columns of nine whose number has a binary digit.
+const DIGITS: [u32; 4] = [0b0_1010_1010, 0b0_1100_1100, 0b0_1111_0000, 0b1_0000_0000];
 
 /// A colour image and what is known about its pixels.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Contour<'a> {
-    /// Row-major `r, g, b`.
+    /// Row-major `r, g, b`, all of the image.
     pub color_rgb: &'a [u8],
+    /// The image's size.
+    pub size: [usize; 2],
+    /// The part of it that the binary images show.
+    pub window: Window,
     pub table: &'a ColorTable,
     /// The sheet, print filled in.
     pub mask: &'a BitImage,
@@ -55,16 +77,23 @@ impl Contour<'_> {
         taken.clear();
         let mut left_out = 0;
         let edge = 8;
-        for y in edge..self.mask.height.saturating_sub(edge) {
+        let [width, height] = self.size;
+        let start = [self.window.x, self.window.y];
+        let first = start.map(|c| c / params.edgel_spacing_px);
+        for y in 0..self.mask.height {
+            if start[1] + y < edge || start[1] + y + edge >= height {
+                continue;
+            }
             for k in 0..self.mask.words {
                 let mut rest = self.outline(k, y);
                 while rest != 0 {
                     let x = 64 * k + rest.trailing_zeros() as usize;
                     rest &= rest - 1;
-                    if x < edge || x + edge >= self.mask.width {
+                    if start[0] + x < edge || start[0] + x + edge >= width {
                         continue;
                     }
-                    let cell = [x, y].map(|c| c / params.edgel_spacing_px);
+                    let cell = [(0, x), (1, y)]
+                        .map(|(k, c)| (start[k] + c) / params.edgel_spacing_px - first[k]);
                     if taken.get(cell[0], cell[1]) {
                         continue;
                     }
@@ -99,8 +128,9 @@ impl Contour<'_> {
         if self.occluded.get(x, y) {
             return None;
         }
-        let normal = self.mask_normal(x as i32, y as i32)?;
+        let normal = self.mask_normal(x, y)?;
         let tangent = [-normal[1], normal[0]];
+        let (x, y) = (self.window.x + x, self.window.y + y);
         let centre = [x as f32 + 0.5 * normal[0], y as f32 + 0.5 * normal[1]];
         let offset = |along: f32| {
             let at = [0, 1].map(|k| centre[k] + along * APART_PX * tangent[k]);
@@ -124,16 +154,18 @@ impl Contour<'_> {
         })
     }
 
-    /// Outward normal of the mask, from the centre of its pixels in a round window.
-    fn mask_normal(&self, x: i32, y: i32) -> Option<[f32; 2]> {
+    /// Outward normal of the mask, from the centre of its pixels in a round window; the pixel is
+    /// [`WINDOW_PX`] inside the image at least.
+    fn mask_normal(&self, x: usize, y: usize) -> Option<[f32; 2]> {
         let mut sum = [0, 0];
-        for dy in -WINDOW_PX..=WINDOW_PX {
-            for dx in -WINDOW_PX..=WINDOW_PX {
-                let inside = dx * dx + dy * dy <= WINDOW_PX * WINDOW_PX;
-                if inside && self.mask.get_or_unset(x + dx, y + dy) {
-                    sum = [sum[0] - dx, sum[1] - dy];
-                }
-            }
+        for (row, disc) in DISC.iter().enumerate() {
+            let bits = self.mask.nine(x - WINDOW_PX, y + row - WINDOW_PX) & disc;
+            // Columns add up to what their numbers' binary digits add up to.
+            let columns: u32 =
+                (0..4).map(|digit| (bits & DIGITS[digit]).count_ones() << digit).sum();
+            let count = bits.count_ones() as i32;
+            sum[0] -= columns as i32 - WINDOW_PX as i32 * count;
+            sum[1] -= (row as i32 - WINDOW_PX as i32) * count;
         }
         let length = ((sum[0] * sum[0] + sum[1] * sum[1]) as f32).sqrt();
         (length > 0.0).then(|| sum.map(|s| s as f32 / length))
@@ -159,18 +191,28 @@ impl Contour<'_> {
             let color = sample(t);
             (0..3).map(|k| (color[k] - outside[k]) * across[k]).sum::<f32>() / contrast_squared
         };
+        // Between two neighbours of the profile, from inside to outside.
+        let between = |t: f32, before: f32, here: f32| {
+            let crosses = before >= 0.5 && here < 0.5;
+            crosses.then(|| t - 0.5 * (0.5 - here) / (before - here))
+        };
+        // From the middle to both sides: the first crossing is the nearest.
         let mut best: Option<f32> = None;
-        let mut before = sheetness(-0.5 * HALF_STEPS as f32);
-        for step in 1 - HALF_STEPS..=HALF_STEPS {
+        let middle = sheetness(0.0);
+        let (mut left, mut right) = (middle, middle);
+        for step in 1..=HALF_STEPS {
             let t = 0.5 * step as f32;
-            let here = sheetness(t);
-            if before >= 0.5 && here < 0.5 {
-                let crossing = t - 0.5 * (0.5 - here) / (before - here);
-                if best.is_none_or(|b| crossing.abs() < b.abs()) {
-                    best = Some(crossing);
-                }
+            let (farther_left, farther_right) = (sheetness(-t), sheetness(t));
+            best = between(0.5 - t, farther_left, left);
+            if let Some(other) = between(t, right, farther_right)
+                && best.is_none_or(|b| other.abs() < b.abs())
+            {
+                best = Some(other);
             }
-            before = here;
+            if best.is_some() {
+                break;
+            }
+            (left, right) = (farther_left, farther_right);
         }
         // A shadow's border is softer than an edge of paper.
         best.filter(|t| {
@@ -182,18 +224,26 @@ impl Contour<'_> {
         self.table.is_sheet(color.map(|c| c as u8))
     }
 
-    /// Bilinear colour; the position must be inside the image.
+    /// Bilinear colour; the position must be a pixel inside the image.
     fn sample(&self, [x, y]: [f32; 2]) -> [f32; 3] {
         let (column, row) = (x as usize, y as usize);
         let (fx, fy) = (x - column as f32, y - row as f32);
-        let width = self.mask.width;
+        let width = self.size[0];
         let at = 3 * (row * width + column);
-        let (top, bottom) = (&self.color_rgb[at..at + 6], &self.color_rgb[at + 3 * width..]);
-        [0, 1, 2].map(|k| {
-            let mix =
-                |row: &[u8]| f32::from(row[k]) + fx * (f32::from(row[k + 3]) - f32::from(row[k]));
-            let (a, b) = (mix(top), mix(bottom));
-            a + fy * (b - a)
-        })
+        let top = four(&self.color_rgb[at..at + 7]);
+        let bottom = four(&self.color_rgb[at + 3 * width..at + 3 * width + 7]);
+        let mut mixed = [0.0; 4];
+        for k in 0..4 {
+            let a = top[0][k] + fx * (top[1][k] - top[0][k]);
+            let b = bottom[0][k] + fx * (bottom[1][k] - bottom[0][k]);
+            mixed[k] = a + fy * (b - a);
+        }
+        [mixed[0], mixed[1], mixed[2]]
     }
+}
+
+/// Two neighbours' colours, and a fourth number that makes them whole vectors.
+fn four(bytes: &[u8]) -> [[f32; 4]; 2] {
+    let at = |k: usize| [bytes[k], bytes[k + 1], bytes[k + 2], bytes[k + 3]].map(f32::from);
+    [at(0), at(3)]
 }

@@ -97,13 +97,15 @@ impl FeatureFinder {
     /// Forgets the last frame, and says where the sheet was in it: there markers are looked for
     /// next, or everywhere where none were found.
     pub fn look_near(&mut self, mask: &BitImage) {
-        let whole = [0..mask.width, 0..mask.height];
-        self.region = match bounds(mask).filter(|_| !self.found.is_empty()) {
-            Some(bounds) => [0, 1].map(|k| {
-                let start = bounds[k].start.saturating_sub(MARGIN_PX);
-                start..(bounds[k].end + MARGIN_PX).min(whole[k].end)
-            }),
-            None => whole,
+        self.region = match mask.bounds().filter(|_| !self.found.is_empty()) {
+            Some(sheet) => {
+                let left = (sheet.x / 64 * 64).saturating_sub(MARGIN_PX);
+                let right = (sheet.x + sheet.width).next_multiple_of(64) + MARGIN_PX;
+                let top = sheet.y.saturating_sub(MARGIN_PX);
+                let bottom = sheet.y + sheet.height + MARGIN_PX;
+                [left..right.min(mask.width), top..bottom.min(mask.height)]
+            }
+            None => [0..mask.width, 0..mask.height],
         };
         self.found.clear();
         self.features.clear();
@@ -225,16 +227,6 @@ impl FeatureFinder {
     fn material_m(&self, place: &CornerPlace) -> Vector2<f64> {
         Vector2::from([0, 1].map(|k| place.uv_share[k] * self.size_m[k]))
     }
-}
-
-/// Columns and rows that hold every set pixel, to the word; `None` for an empty image.
-fn bounds(mask: &BitImage) -> Option<[std::ops::Range<usize>; 2]> {
-    let used = |y: &usize| mask.row(*y).iter().any(|word| *word != 0);
-    let first = (0..mask.height).find(used)?;
-    let last = (0..mask.height).rfind(used)?;
-    let in_use = |k: &usize| (first..=last).any(|y| mask.row(y)[*k] != 0);
-    let (left, right) = ((0..mask.words).find(in_use)?, (0..mask.words).rfind(in_use)?);
-    Some([64 * left..(64 * (right + 1)).min(mask.width), first..last + 1])
 }
 
 /// Calls `set` for each pixel at least `inset_px` inside a convex quadrangle, clockwise.

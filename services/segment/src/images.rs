@@ -22,8 +22,10 @@ pub(crate) struct DepthImages {
     pub surface: BitImage,
     pub accepted: BitImage,
     pub refused: BitImage,
-    /// Pixels whose points were taken; kept for the next frame.
+    /// Pixels whose points were taken; kept for the next frame, in the shape of its own window.
     pub sheet: BitImage,
+    /// Those of the frame before.
+    pub before: BitImage,
     pub scratch: BitImage,
 }
 
@@ -39,6 +41,14 @@ impl ColorImages {
             scratch: image(),
         }
     }
+
+    /// Takes a window's size.
+    pub fn reshape(&mut self, width: usize, height: usize) {
+        let Self { candidate, mask, eroded, around, occluded, scratch } = self;
+        for image in [candidate, mask, eroded, around, occluded, scratch] {
+            image.reshape(width, height);
+        }
+    }
 }
 
 impl DepthImages {
@@ -51,7 +61,17 @@ impl DepthImages {
             accepted: image(),
             refused: image(),
             sheet: image(),
+            before: image(),
             scratch: image(),
+        }
+    }
+
+    /// Takes a window's size; what is of the frame before keeps its own.
+    pub fn reshape(&mut self, width: usize, height: usize) {
+        let Self { sheet_colored, region, surface, accepted, refused, sheet: _, before: _, scratch } =
+            self;
+        for image in [sheet_colored, region, surface, accepted, refused, scratch] {
+            image.reshape(width, height);
         }
     }
 }

@@ -61,8 +61,10 @@ fn edgel(
     }
     let pixel = |n: i32| map.color_pixel((x + n * dx) as usize, (y + n * dy) as usize);
     let (a, b) = (pixel(1)?, pixel(2)?);
+    let start = map.color_start();
+    let middle = |k: usize, a: usize, b: usize| (2 * start[k] + a + b) as f32 / 2.0;
     Some(Edgel {
-        position_px: [(a.0 + b.0) as f32 / 2.0, (a.1 + b.1) as f32 / 2.0],
+        position_px: [middle(0, a.0, b.0), middle(1, a.1, b.1)],
         normal: falling(map, x + dx, y + dy)?,
         camera,
         kind: EdgelKind::InnerDepthStep as u32,

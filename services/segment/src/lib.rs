@@ -8,6 +8,8 @@
 //! the colour lens (`parallax`) is dropped, the rest is averaged (`voxels`), and the mask's outline
 //! becomes edgels (`contour`, `inner_edge`).
 //!
+//! Where the sheet was a frame ago, all this happens in a window round it (`window`).
+//!
 //! The markers of a printed sheet (`features`) are found before all that: their ink counts as
 //! sheet-coloured, and their corners, lifted by depth (`plane`), become features.
 
@@ -31,6 +33,7 @@ mod plane;
 mod select;
 mod steps;
 mod voxels;
+mod window;
 
 pub use params::{Markers, SegmentConfig, SegmentParams};
 
@@ -125,9 +128,13 @@ impl Segmenter {
     /// False outside the image and where there is no such camera.
     pub fn is_sheet(&self, camera: usize, x: u32, y: u32) -> bool {
         let Some((camera, _)) = self.cameras.get(camera) else { return false };
-        let mask = camera.mask();
-        let inside = (x as usize) < mask.width && (y as usize) < mask.height;
-        inside && mask.get(x as usize, y as usize)
+        camera.is_sheet(x as usize, y as usize)
+    }
+
+    /// The part of a camera's colour image that was looked at last: `[x, y]` of its corner, and
+    /// its size, pixels. `None` where there is no such camera.
+    pub fn window(&self, camera: usize) -> Option<[[usize; 2]; 2]> {
+        self.cameras.get(camera).map(|(camera, _)| camera.window())
     }
 }
 

@@ -52,6 +52,13 @@ impl MaskBuilder {
         }
     }
 
+    /// Takes a window's size.
+    pub fn reshape(&mut self, width: usize, height: usize) {
+        for image in [&mut self.support, &mut self.bare, &mut self.scratch] {
+            image.reshape(width, height);
+        }
+    }
+
     /// Writes the mask (the colour components of the accepted patches, less what was refused,
     /// holes up to `hole_ratio_max` of it filled) and what lies around it, holes not included.
     pub fn build(

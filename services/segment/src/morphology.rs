@@ -82,17 +82,25 @@ fn from_right<const ERODE: bool>(row: &mut [u64], step: usize) {
     }
 }
 
-/// Joins to each word the word `step` before it, as it was.
+/// Joins to each word the word `step` before it, as it was; from the last on, `step` at a time, so
+/// that what is read and what is written lie apart.
 fn from_above<const ERODE: bool>(bits: &mut [u64], step: usize) {
-    for k in (step..bits.len()).rev() {
-        bits[k] = if ERODE { bits[k] & bits[k - step] } else { bits[k] | bits[k - step] };
+    let mut end = bits.len();
+    while end > step {
+        let start = end.saturating_sub(step).max(step);
+        let (before, here) = bits.split_at_mut(start);
+        join::<ERODE>(&mut here[..end - start], &before[start - step..]);
+        end = start;
     }
 }
 
 /// Joins to each word the word `step` after it, as it was.
 fn from_below<const ERODE: bool>(bits: &mut [u64], step: usize) {
-    for k in 0..bits.len().saturating_sub(step) {
-        bits[k] = if ERODE { bits[k] & bits[k + step] } else { bits[k] | bits[k + step] };
+    let mut rest = bits;
+    while rest.len() > step {
+        let (here, after) = rest.split_at_mut(step);
+        join::<ERODE>(here, after);
+        rest = after;
     }
 }
 

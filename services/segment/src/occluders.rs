@@ -33,6 +33,14 @@ impl Occluders {
         }
     }
 
+    /// Takes a window's size.
+    pub fn reshape(&mut self, width: usize, height: usize) {
+        let Self { found, unsure, support, band, step, scratch } = self;
+        for image in [found, unsure, support, band, step, scratch] {
+            image.reshape(width, height);
+        }
+    }
+
     /// A step whose far side is the sheet and whose near side is not the sheet's own flap.
     pub fn find(&mut self, steps: &Steps, sheet: &BitImage) {
         self.support.copy_from(sheet);

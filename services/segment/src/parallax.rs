@@ -18,7 +18,9 @@ const SLOPE_MAX: f32 = 4.0;
 pub(crate) struct Parallax {
     /// Per block of the colour image, row-major: nearest depth, metres.
     nearest_m: Vec<f32>,
+    /// Blocks a row, and in all, of the window.
     width: usize,
+    blocks: usize,
     /// Block and depth of each pixel.
     pixels: Vec<Seen>,
 }
@@ -39,14 +41,21 @@ impl Parallax {
         Self {
             nearest_m: vec![f32::INFINITY; width * height],
             width,
+            blocks: width * height,
             pixels: Vec::with_capacity(pixels_max),
         }
+    }
+
+    /// Takes a colour window's size.
+    pub fn reshape(&mut self, width: usize, height: usize) {
+        self.width = width.div_ceil(BLOCK_PX);
+        self.blocks = self.width * height.div_ceil(BLOCK_PX);
     }
 
     /// Unsets the depth pixels of `sheet` that other pixels of it hide from the colour lens.
     /// `step_m` is the least step in depth between two surfaces.
     pub fn drop_hidden(&mut self, map: &DepthMap, step_m: f32, sheet: &mut BitImage) {
-        self.nearest_m.fill(f32::INFINITY);
+        self.nearest_m[..self.blocks].fill(f32::INFINITY);
         self.pixels.clear();
         for y in 0..sheet.height {
             for k in 0..sheet.words {

@@ -82,6 +82,11 @@ pub struct SegmentParams {
     pub contrast_min: f64,
     /// Whether steps in depth inside the mask (the edge of a flap) become edgels. Default true.
     pub inner_edgels: bool,
+    /// Once the sheet is tracked, only a window round it is looked at; every so many frames the
+    /// whole image is, so that parts of the sheet that reappear elsewhere are found. 1 looks at
+    /// the whole image always, which costs about three times as much; more finds them later.
+    /// Default 16.
+    pub whole_image_every: u32,
     /// Which printed markers are looked for: `"none"`, or `"sheet"`, the ArUco grid with corners at
     /// every other node (both sides odd numbers of nodes). Their corners become features.
     /// Default none.
@@ -113,6 +118,7 @@ impl Default for SegmentParams {
             edgel_spacing_px: 2,
             contrast_min: 24.0,
             inner_edgels: true,
+            whole_image_every: 16,
             markers: Markers::None,
         }
     }
@@ -144,6 +150,7 @@ impl SegmentParams {
             edgel_spacing_px,
             contrast_min,
             inner_edgels: _,
+            whole_image_every,
             markers: _,
         } = *self;
         let mut checker = Checker::new();
@@ -185,6 +192,9 @@ impl SegmentParams {
             let requirement = format!("must be {low} to {high} pixels");
             checker.require((low..=high).contains(&value), key, value, &requirement);
         }
+        let requirement = "must be 1 to 1000 frames";
+        let holds = (1..=1000).contains(&whole_image_every);
+        checker.require(holds, "whole_image_every", whole_image_every, requirement);
         checker.finish(|| SegmentConfig { params: self.clone() })
     }
 }
@@ -230,6 +240,7 @@ mod tests {
             area_ratio_min: 0.9,
             close_px: 400,
             edgel_spacing_px: 0,
+            whole_image_every: 0,
             ..SegmentParams::default()
         };
         let keys: Vec<String> = params.check().unwrap_err().into_iter().map(|p| p.key).collect();
@@ -243,6 +254,7 @@ mod tests {
                 "area_ratio_min",
                 "close_px",
                 "edgel_spacing_px",
+                "whole_image_every",
             ]
         );
     }
@@ -266,6 +278,6 @@ mod tests {
                 checked += 1;
             }
         }
-        assert_eq!(checked, 23);
+        assert_eq!(checked, 24);
     }
 }

@@ -54,7 +54,7 @@ struct Patch {
     runs: u32,
     /// Pixels beside which the surface goes on in another colour.
     continued: u32,
-    /// Sums over runs: centre column, row times pixels.
+    /// Sums over runs: centre column, row of the whole image times pixels.
     moment_px: [f32; 2],
     /// Pixels that were sheet in the frame before.
     before: u32,
@@ -101,6 +101,14 @@ impl Selector {
             far: image(),
             continued: image(),
             scratch: image(),
+        }
+    }
+
+    /// Takes a window's size.
+    pub fn reshape(&mut self, width: usize, height: usize) {
+        let Self { near, far, continued, scratch, components: _, patches: _, order: _ } = self;
+        for image in [near, far, continued, scratch] {
+            image.reshape(width, height);
         }
     }
 
@@ -186,8 +194,9 @@ impl Selector {
             patch.near += self.near.count_run(y, start, end);
             patch.far += self.far.count_run(y, start, end);
             patch.continued += self.continued.count_run(y, start, end);
-            patch.moment_px[0] += (run.len() * (run.start + run.end - 1)) as f32 / 2.0;
-            patch.moment_px[1] += (run.len() * run.y) as f32;
+            let twice = 2 * map.window.x as u32 + run.start + run.end - 1;
+            patch.moment_px[0] += (run.len() * twice) as f32 / 2.0;
+            patch.moment_px[1] += (run.len() * (map.window.y as u32 + run.y)) as f32;
             patch.before += evidence.before.count_run(y, start, end);
             if patch.color == 0 {
                 let color = map.color_pixel(middle, y).and_then(|(x, y)| evidence.colors.at(x, y));
@@ -270,6 +279,7 @@ fn only_occluders_between(patch: &Patch, anchor: &Patch, evidence: &Evidence<'_>
         let t = n as f32 / steps;
         let [x, y, inverse] = [0, 1, 2].map(|k| from[k] + t * (to[k] - from[k]));
         let (x, y) = ((x + 0.5) as usize, (y + 0.5) as usize);
+        let (x, y) = (x.saturating_sub(map.window.x), y.saturating_sub(map.window.y));
         let (x, y) = (x.min(map.width - 1), y.min(map.height - 1));
         let level = map.z_m(x as i32, y as i32) > 1.0 / inverse - IN_FRONT_M;
         let other = level && !evidence.sheet_colored.get(x, y);

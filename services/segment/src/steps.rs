@@ -9,6 +9,8 @@
 //! Where the nearer surface bends away (a finger), the plain difference c - b decides against
 //! the steepest slope that a sheet is followed to.
 
+use orime_lanes::{Lanes, Pass, Width};
+
 use crate::bits::{BitImage, pack};
 use crate::depth::DepthMap;
 use crate::params::SegmentParams;
@@ -45,6 +47,7 @@ pub(crate) struct Steps {
     growth_per_m: f32,
     /// Per metre of depth: by how much depth may change over [`SPAN_PX`].
     slope: [f32; 2],
+    lanes: Width,
 }
 
 impl Steps {
@@ -61,6 +64,14 @@ impl Steps {
             base_m: params.step_m as f32,
             growth_per_m: params.step_growth_per_m as f32,
             slope: map.focal_px.map(|f| SLOPE_MAX * SPAN_PX as f32 / f),
+            lanes: Width::available()[0],
+        }
+    }
+
+    /// Takes a window's size.
+    pub fn reshape(&mut self, width: usize, height: usize) {
+        for image in self.near.iter_mut().chain([&mut self.edge, &mut self.moved]) {
+            image.reshape(width, height);
         }
     }
 
@@ -68,13 +79,8 @@ impl Steps {
     pub fn find(&mut self, map: &DepthMap, region: &BitImage) {
         self.near.iter_mut().for_each(BitImage::clear);
         self.edge.clear();
-        for y in 0..map.height {
-            for k in 0..region.words {
-                if region.row(y)[k] != 0 {
-                    self.find_in_word(map, k, y);
-                }
-            }
-        }
+        let lanes = self.lanes;
+        lanes.run(FindSteps { steps: self, map, region });
         for (near, [dx, dy]) in self.near.iter().zip(DIRECTIONS) {
             self.moved.copy_from(near);
             self.edge.or(&self.moved);
@@ -91,6 +97,7 @@ impl Steps {
         self.base_m + self.growth_per_m * z_m * z_m
     }
 
+    #[inline(always)]
     fn find_in_word(&mut self, map: &DepthMap, k: usize, y: usize) {
         let (x, row) = (64 * k as i32, y as i32);
         let used = self.edge.used(k);
@@ -113,6 +120,7 @@ impl Steps {
     }
 
     /// Bits of the pixels `b` from which depth steps away (falls) or nearer (rises) to `c`.
+    #[inline(always)]
     fn compare(&self, [a, b, c, d]: [&[f32]; 4], slope: f32) -> (u64, u64) {
         let (mut falls, mut rises) = ([0; 64], [0; 64]);
         let lanes = a.iter().zip(b).zip(c).zip(d);
@@ -182,6 +190,26 @@ impl Steps {
             }
         } else if gap_px >= LEVEL_GAP_MIN_PX {
             self.level_gaps.push(ends);
+        }
+    }
+}
+
+/// Examines words.
+struct FindSteps<'a> {
+    steps: &'a mut Steps,
+    map: &'a DepthMap,
+    region: &'a BitImage,
+}
+
+impl Pass for FindSteps<'_> {
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        for y in 0..self.map.height {
+            for k in 0..self.region.words {
+                if self.region.row(y)[k] != 0 {
+                    self.steps.find_in_word(self.map, k, y);
+                }
+            }
         }
     }
 }

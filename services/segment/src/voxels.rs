@@ -1,9 +1,10 @@
 //! Averages surface points over the cells of a regular grid in the world.
 
 use orime_geometry::ObservedPoint;
+use orime_lanes::{Lanes, Pass, Width};
 
 use crate::bits::BitImage;
-use crate::depth::DepthMap;
+use crate::depth::{DepthMap, WorldRow};
 
 /// Nobody has taken this slot of the hash table.
 const FREE: u32 = u32::MAX;
@@ -24,6 +25,45 @@ pub(crate) struct Voxels {
     /// Cell of the last run that ended in each column.
     above: Vec<u32>,
     left_out: u32,
+    lanes: Width,
+}
+
+/// Cells of the 64 pixels of a word, and where in their cells they lie, metres; by coordinate.
+/// Nothing of use where there is no depth.
+struct Points {
+    key: [[i32; 64]; 3],
+    offset_m: [[f32; 64]; 3],
+}
+
+impl Points {
+    const EMPTY: Self = Self { key: [[0; 64]; 3], offset_m: [[0.0; 64]; 3] };
+}
+
+/// Finds the cells of a word's pixels.
+struct Place<'a> {
+    row: &'a WorldRow<'a>,
+    /// First pixel.
+    start: usize,
+    /// Side of a cell, and its inverse.
+    size_m: [f32; 2],
+    points: &'a mut Points,
+}
+
+impl Pass for Place<'_> {
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let Self { row, start, size_m: [size_m, per_m], points } = self;
+        for axis in 0..3 {
+            let origin_m = row.origin_m[axis];
+            let (z_m, rays) = (&row.z_m[start..], &row.rays[axis][start..]);
+            let (keys, offsets) = (&mut points.key[axis], &mut points.offset_m[axis]);
+            for (((key, offset), z), ray) in keys.iter_mut().zip(offsets).zip(z_m).zip(rays) {
+                let position_m = origin_m + z * ray;
+                *key = floor(position_m * per_m);
+                *offset = position_m - *key as f32 * size_m;
+            }
+        }
+    }
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -54,6 +94,7 @@ impl Voxels {
             slots: vec![FREE; (2 * cells_max).next_power_of_two()],
             above: vec![FREE; width],
             left_out: 0,
+            lanes: Width::available()[0],
         }
     }
 
@@ -68,26 +109,35 @@ impl Voxels {
     /// Takes the points of `pixels` of the loaded image, in raster order.
     pub fn add(&mut self, map: &DepthMap, pixels: &BitImage) {
         let (mut sum, mut last) = (Cell::EMPTY, 0);
+        let mut points = Points::EMPTY;
         for y in 0..map.height {
             let row = map.world_row(y);
             for (k, word) in pixels.row(y).iter().enumerate() {
+                if *word == 0 {
+                    continue;
+                }
+                self.lanes.run(Place {
+                    row: &row,
+                    start: 64 * k,
+                    size_m: [self.size_m, self.per_m],
+                    points: &mut points,
+                });
                 let mut rest = *word;
                 while rest != 0 {
-                    let x = 64 * k + rest.trailing_zeros() as usize;
+                    let bit = rest.trailing_zeros() as usize;
                     rest &= rest - 1;
-                    let position_m = row.point(x);
-                    let key = position_m.map(|x| floor(x * self.per_m));
+                    let key = [points.key[0][bit], points.key[1][bit], points.key[2][bit]];
                     // Neighbours are often in the same cell.
                     if key != sum.key {
                         self.merge(&sum, last);
                         sum = Cell { key, ..Cell::EMPTY };
                     }
-                    last = x;
+                    last = 64 * k + bit;
                     sum.pixels += 1.0;
                     for axis in 0..3 {
-                        sum.offset_m[axis] += position_m[axis] - key[axis] as f32 * self.size_m;
+                        sum.offset_m[axis] += points.offset_m[axis][bit];
                     }
-                    sum.pixel[0] += x as f32;
+                    sum.pixel[0] += last as f32;
                     sum.pixel[1] += y as f32;
                 }
             }
@@ -172,14 +222,15 @@ fn normal(map: &DepthMap, surface: &BitImage, x: usize, y: usize) -> Option<[f32
     if !inside(x, map.width) || !inside(y, map.height) || !surface.get(x, y) {
         return None;
     }
-    let slope = |pair: &dyn Fn(usize, usize) -> [[usize; 2]; 2]| {
+    // Bit `n` of row `m` is the pixel `n - 4` beside and `2 m - 4` below.
+    let near = [0, 1, 2, 3, 4].map(|m| surface.nine(x - 4, y + 2 * m - 4));
+    let z_m = |dx: usize, dy: usize| map.z_m((x + dx) as i32 - 4, (y + dy) as i32 - 4);
+    let slope = |set: &dyn Fn(usize, usize) -> bool, z_m: &dyn Fn(usize, usize) -> f32| {
         let (mut rise, mut run, mut pairs) = (0.0, 0.0, 0);
-        for side in [0, 2, 4] {
+        for side in [2, 4, 6] {
             for n in REACH_PX {
-                let [before, after] = pair(n, side);
-                if surface.get(before[0], before[1]) && surface.get(after[0], after[1]) {
-                    let z_m = |[x, y]: [usize; 2]| map.z_m(x as i32, y as i32);
-                    rise += n as f32 * (z_m(after) - z_m(before));
+                if set(4 - n, side) && set(4 + n, side) {
+                    rise += n as f32 * (z_m(4 + n, side) - z_m(4 - n, side));
                     run += (2 * n * n) as f32;
                     pairs += 1;
                 }
@@ -187,8 +238,9 @@ fn normal(map: &DepthMap, surface: &BitImage, x: usize, y: usize) -> Option<[f32
         }
         (pairs >= 2).then(|| rise / run)
     };
-    let z_u = slope(&|n, side| [[x - n, y + side - 2], [x + n, y + side - 2]])?;
-    let z_v = slope(&|n, side| [[x + side - 2, y - n], [x + side - 2, y + n]])?;
+    let set = |dx: usize, dy: usize| near[dy / 2] >> dx & 1 == 1;
+    let z_u = slope(&|along, side| set(along, side), &|along, side| z_m(along, side))?;
+    let z_v = slope(&|along, side| set(side, along), &|along, side| z_m(side, along))?;
     let z = map.z_m(x as i32, y as i32);
     let ray = map.world_ray(x, y);
     let half = |a, b| difference(a, b).map(|d| d / 2.0);
@@ -203,6 +255,7 @@ fn normal(map: &DepthMap, surface: &BitImage, x: usize, y: usize) -> Option<[f32
 }
 
 /// The largest integer not above `x`; without a call into the mathematics library.
+#[inline(always)]
 fn floor(x: f32) -> i32 {
     let towards_zero = x as i32;
     towards_zero - i32::from(towards_zero as f32 > x)

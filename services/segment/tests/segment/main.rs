@@ -4,3 +4,4 @@ mod degenerate;
 mod measured;
 mod pictures;
 mod scene;
+mod windows;

@@ -45,11 +45,13 @@ pub struct Scene {
     pub patches: Vec<Patch>,
     pub table_rgb: [u8; 3],
     pub table_z_m: f64,
+    /// Rays per side of a colour pixel.
+    pub rays: u32,
 }
 
 impl Scene {
     pub fn new(patches: Vec<Patch>) -> Self {
-        Self { patches, table_rgb: DARK, table_z_m: 0.62 }
+        Self { patches, table_rgb: DARK, table_z_m: 0.62, rays: 8 }
     }
 
     fn trace(&self, origin: &Point3<f64>, ray: &Vector3<f64>) -> ([u8; 3], f64) {
@@ -58,7 +60,7 @@ impl Scene {
         hits.fold(table, |best, hit| if hit.1 < best.1 { hit } else { best })
     }
 
-    /// The camera's two images; colour is averaged over 8 × 8 rays a pixel.
+    /// The camera's two images; colour is averaged over `rays`² rays a pixel.
     pub fn render(&self, camera: &RgbdCamera) -> (Vec<u8>, Vec<u16>) {
         let mut color = Vec::new();
         let rays = |lens: &CameraModel, world: Isometry3<f64>, x: f64, y: f64| {
@@ -67,10 +69,12 @@ impl Scene {
         };
         for (x, y) in pixels(&camera.color) {
             let mut sum = [0.0; 3];
-            for sub in 0..64 {
-                let (dx, dy) = ((sub % 8) as f64 / 8.0 - 0.4375, (sub / 8) as f64 / 8.0 - 0.4375);
+            for sub in 0..self.rays * self.rays {
+                let [dx, dy] = [sub % self.rays, sub / self.rays]
+                    .map(|k| (f64::from(k) + 0.5) / f64::from(self.rays) - 0.5);
                 let (rgb, _) = rays(&camera.color, camera.world_from_color, x + dx, y + dy);
-                (0..3).for_each(|k| sum[k] += f64::from(rgb[k]) / 64.0);
+                let share = f64::from(self.rays * self.rays);
+                (0..3).for_each(|k| sum[k] += f64::from(rgb[k]) / share);
             }
             color.extend(sum.map(|c| c.round() as u8));
         }

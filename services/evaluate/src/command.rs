@@ -4,12 +4,14 @@ mod compare;
 mod cpd;
 mod creases;
 mod faults;
+mod judged;
 mod output;
 mod points;
 mod register;
 mod set;
 mod soak;
 mod stability;
+mod sweep;
 mod track;
 mod variant;
 mod watch;
@@ -20,7 +22,7 @@ use std::process::ExitCode;
 
 /// Scores, pictures and comparisons of a tracked sheet.
 ///
-/// Exit codes: 0 done, 1 failed, 2 wrong usage or set file.
+/// Exit codes: 0 done, 1 failed, 2 wrong usage or set file, 3 a sweep was interrupted.
 #[derive(Debug, Parser)]
 #[command(name = "orime-evaluate", version, after_help = EXAMPLES)]
 pub struct Arguments {
@@ -33,6 +35,7 @@ Examples:
   orime-evaluate track deploy/sets/half_fold.toml --json out.json --pictures out/
   orime-evaluate track deploy/sets/square_base.toml --pictures out/ --pictures-at 100,225,345
   orime-evaluate compare deploy/sets/square_base.toml --out out/compare
+  orime-evaluate sweep deploy/sets/half_fold.toml --out out/sweep --seeds 3
   orime-evaluate creases --seeds 5 --json creases.json
   orime-evaluate faults --json faults.json
   orime-evaluate soak --seconds 1200 --kill-every-s 30 --json soak.json
@@ -49,6 +52,8 @@ enum Command {
     Watch(watch::WatchArguments),
     /// Track one set in several settings and compare them; the paper's three series by default.
     Compare(compare::CompareArguments),
+    /// What accuracy costs in time: vary every knob of a set, and draw error over time.
+    Sweep(sweep::SweepArguments),
     /// Run the hard cases, each against its criterion.
     Stability(stability::StabilityArguments),
     /// Do to real processes what goes wrong, and check what users must see.
@@ -69,6 +74,7 @@ pub fn run(arguments: Arguments) -> anyhow::Result<()> {
         Command::Track(arguments) => track::run(&arguments),
         Command::Watch(arguments) => watch::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
+        Command::Sweep(arguments) => sweep::run(&arguments),
         Command::Faults(arguments) => faults::run(&arguments),
         Command::Soak(arguments) => soak::run(&arguments),
         Command::Cpd(arguments) => cpd::run(&arguments),
@@ -78,8 +84,11 @@ pub fn run(arguments: Arguments) -> anyhow::Result<()> {
     }
 }
 
-/// 2 for a set file that is wrong, 1 for everything else.
+/// 2 for a set file that is wrong, 3 for a sweep that was interrupted, 1 for everything else.
 pub fn exit_code(error: &anyhow::Error) -> ExitCode {
+    if error.downcast_ref::<sweep::Interrupted>().is_some() {
+        return ExitCode::from(3);
+    }
     let is_set = error.chain().any(|cause| cause.downcast_ref::<SetError>().is_some());
     ExitCode::from(if is_set { 2 } else { 1 })
 }

@@ -10,3 +10,4 @@ pub mod pipeline;
 pub mod scores;
 pub mod stability;
 pub mod summary;
+pub mod sweep;

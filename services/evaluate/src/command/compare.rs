@@ -1,14 +1,13 @@
 //! `orime-evaluate compare`: the same set in several settings, side by side, and the paper's table.
 
 use anyhow::Context;
-use orime_evaluate::judge::Judge;
 use orime_evaluate::picture::{Plot, Series};
-use orime_evaluate::pipeline::Pipeline;
 use orime_evaluate::summary::{StepScore, Summary};
 use orime_runtime::SetFile;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
+use super::judged::{Run, judged};
 use super::variant::Variant;
 
 /// Track one set in several settings and compare them; the paper's three series by default.
@@ -87,27 +86,13 @@ fn outcome(arguments: &CompareArguments, text: &str, variant: &Variant) -> anyho
     }
     let set = SetFile::parse(&arguments.set, variant.apply(text)?)
         .with_context(|| format!("variant `{}`", variant.name))?;
-    let judge =
-        track(&set, arguments.steps).with_context(|| format!("variant `{}`", variant.name))?;
-    outcome.summary = Some(judge.summary());
-    outcome.steps = judge.steps().to_vec();
-    Ok(outcome)
-}
-
-fn track(set: &SetFile, limit: Option<u64>) -> anyhow::Result<Judge> {
-    let (source, config) = super::set::open(set)?;
-    let mut pipeline = Pipeline::new(source, &config);
-    let mut judge = Judge::new(&config.sheet, config.template_m.as_deref());
-    let steps = match (limit, pipeline.steps()) {
-        (Some(limit), Some(steps)) => limit.min(steps),
-        (Some(steps), None) | (None, Some(steps)) => steps,
-        (None, None) => anyhow::bail!("this set never ends: say how many steps with --steps N"),
-    };
-    for step in 0..steps {
-        let result = pipeline.step(step);
-        judge.score(&super::track::step_input(&pipeline, step, &result));
+    let run = Run { limit: arguments.steps, clock: None, goes_on: &mut |_, _| true };
+    let judge = judged(&set, run).with_context(|| format!("variant `{}`", variant.name))?;
+    if let Some(judge) = judge {
+        outcome.summary = Some(judge.summary());
+        outcome.steps = judge.steps().to_vec();
     }
-    Ok(judge)
+    Ok(outcome)
 }
 
 fn plots(arguments: &CompareArguments, outcomes: &[Outcome]) -> anyhow::Result<()> {

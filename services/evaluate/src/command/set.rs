@@ -8,7 +8,7 @@ use orime_messages::{EDGELS_MAX, POINTS_MAX};
 use orime_register::{RegisterMode, RegisterParams};
 use orime_runtime::SetFile;
 use orime_segment::SegmentParams;
-use orime_simulate::SimulateParams;
+use orime_simulate::{Backend, SimulateParams};
 use std::path::Path;
 
 /// The source and the configurations of a set file.
@@ -37,6 +37,12 @@ pub fn pipeline(set: &SetFile) -> anyhow::Result<PipelineConfig> {
     anyhow::ensure!(
         register.mode != RegisterMode::Markers || segment.finds_markers(),
         "`register.mode = \"markers\"` needs `segment.markers = \"sheet\"`"
+    );
+    let simulate: SimulateParams = set.section("simulate")?;
+    anyhow::ensure!(
+        simulate.backend != Backend::Gpu,
+        "`simulate.backend` is \"gpu\", but orime-evaluate runs its stages on the CPU: take \
+         \"cpu\", or start the set with `orime up`"
     );
     Ok(PipelineConfig {
         density_kg_per_m2: params.density_kg_per_m2,

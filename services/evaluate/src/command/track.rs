@@ -42,11 +42,7 @@ pub fn run(arguments: &TrackArguments) -> anyhow::Result<()> {
     let (source, config) = super::set::load(&arguments.set)?;
     let mut pipeline = Pipeline::new(source, &config);
     let mut judge = Judge::new(&config.sheet, config.template_m.as_deref());
-    let steps = match (arguments.steps, pipeline.steps()) {
-        (Some(limit), Some(steps)) => limit.min(steps),
-        (Some(steps), None) | (None, Some(steps)) => steps,
-        (None, None) => anyhow::bail!("this set never ends: say how many steps with --steps N"),
-    };
+    let steps = super::judged::steps(arguments.steps, &pipeline)?;
     let mut pictures = match &arguments.pictures {
         Some(directory) => {
             let cameras = pipeline.cameras().len();

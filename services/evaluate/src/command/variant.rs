@@ -15,6 +15,16 @@ pub struct Variant {
 }
 
 impl Variant {
+    /// One that sets these dotted keys.
+    pub fn new(name: String, keys: Vec<(String, Value)>) -> Self {
+        Self { name, missing: None, keys }
+    }
+
+    /// The dotted keys and their values.
+    pub fn keys(&self) -> &[(String, Value)] {
+        &self.keys
+    }
+
     /// Parses a list as in `--variants`.
     pub fn parse_all(text: &str) -> anyhow::Result<Vec<Self>> {
         text.split(',').map(str::trim).filter(|one| !one.is_empty()).map(Self::parse).collect()
@@ -77,9 +87,9 @@ impl Variant {
     }
 }
 
-fn assignment(text: &str) -> anyhow::Result<(String, Value)> {
-    let (key, value) =
-        text.split_once('=').with_context(|| format!("--variants: `{text}` is no KEY=VALUE"))?;
+/// Parses `KEY=VALUE`.
+pub fn assignment(text: &str) -> anyhow::Result<(String, Value)> {
+    let (key, value) = text.split_once('=').with_context(|| format!("`{text}` is no KEY=VALUE"))?;
     // A value is TOML; a word without quotes is a text.
     let parsed = format!("value = {}", value.trim())
         .parse::<Table>()

@@ -217,6 +217,9 @@ pub struct GrippersParams {
     /// Share of the way to where it is held that a grasped point goes in a substep. 1 follows the
     /// gripper exactly, its errors included. Default 0.8.
     pub strength: f64,
+    /// Stretch of the paper beside a grasped point at which it slips from the gripper. Small
+    /// values hold little weight, and follow a gripper that starts suddenly late. Default 0.5.
+    pub strain_max: f64,
     /// How long before or after the targets' exposure a gripper's pose may be to count, s. Default
     /// 0.05.
     pub age_max_s: f64,
@@ -329,7 +332,7 @@ impl Default for FacetsParams {
 
 impl Default for GrippersParams {
     fn default() -> Self {
-        Self { strength: 0.8, age_max_s: 0.05 }
+        Self { strength: 0.8, strain_max: 0.5, age_max_s: 0.05 }
     }
 }
 
@@ -408,6 +411,7 @@ impl SimulateParams {
         within("facets.strength", facets.strength, 0.0, 1.0, "");
         within("facets.bend_tolerance", facets.bend_tolerance, 1e-5, 1.0, "");
         within("grippers.strength", grippers.strength, 0.0, 1.0, "");
+        within("grippers.strain_max", grippers.strain_max, 1e-4, 10.0, "");
         within("grippers.age_max_s", grippers.age_max_s, 0.0, 1.0, "s");
         within("track.frequency_hz", track.frequency_hz, 0.1, 10_000.0, "Hz");
         let acceleration = track.acceleration_max_m_per_s2;

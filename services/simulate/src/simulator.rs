@@ -89,8 +89,12 @@ pub struct Simulator {
     /// Smoothed motion from frame to frame, m/s.
     motion_m_per_s: Vec<[f32; 3]>,
     world: Vec<[f32; 3]>,
+    /// Whether lengths at rest are those of the flat grid.
+    is_flat_at_rest: bool,
     /// What holds the sheet.
     grips: Vec<Grip>,
+    /// Those of them that can, where the sheet lets them.
+    held: Vec<Grip>,
     rest: Rest,
     /// Usual length of a frame, seconds; 0 before the first.
     period_s: f64,
@@ -121,7 +125,9 @@ impl Simulator {
             facets_of_place: facets_of_place(solver.layout, &folds),
             origin_m: [0.0; 3],
             motion_m_per_s: vec![[0.0; 3]; world.len()],
+            is_flat_at_rest: rest_m.is_none(),
             grips: Vec::new(),
+            held: Vec::new(),
             rest: Rest::default(),
             period_s: 0.0,
             prediction: None,
@@ -313,7 +319,7 @@ impl Simulator {
             if *trust == 0.0 || weights.is_some_and(|w| w.rows()[place] == 0.0) {
                 continue;
             }
-            if !(target.iter().all(|c| c.is_finite()) && *trust > 0.0) {
+            if !(target.iter().all(|c| c.is_finite()) && *trust > 0.0 && trust.is_finite()) {
                 report.targets_rejected += 1;
                 continue;
             }
@@ -363,9 +369,14 @@ impl Simulator {
         let per_s = 1.0 / dt_s as f32;
         let mut moved_m: f32 = 0.0;
         let [x, y, z] = self.solver.x.each_ref().map(|field| field.rows());
+        let weights = self.solver.weights.as_ref();
         for ((place, world), motion) in
             self.solver.layout.places().zip(&mut self.world).zip(&mut self.motion_m_per_s)
         {
+            if weights.is_some_and(|w| w.rows()[place] == 0.0) {
+                *motion = [0.0; 3];
+                continue; // What is pinned keeps its bits: the origin's rounding moves nothing.
+            }
             let now = [x[place], y[place], z[place]];
             for axis in 0..3 {
                 let now = now[axis] + self.origin_m[axis];
@@ -445,6 +456,7 @@ impl Simulator {
             keep: (-drag_per_s * dt_s).exp(),
             way_max_m: acceleration_max * dt_s * dt_s,
             grip: self.params.grippers.strength as f32,
+            grip_strain_max: self.params.grippers.strain_max as f32,
             gamma_max,
             table_m,
             inertia: true,

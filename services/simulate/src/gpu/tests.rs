@@ -57,6 +57,7 @@ fn rates() -> Rates {
         keep: 0.98,
         way_max_m: 4e-4,
         grip: 0.8,
+        grip_strain_max: 0.1,
         gamma_max: 0.5,
         table_m: 0.0,
         inertia: true,

@@ -61,6 +61,7 @@ impl Simulator {
             keep: 1.0,
             way_max_m: f32::MAX,
             grip: self.params.grippers.strength as f32,
+            grip_strain_max: self.params.grippers.strain_max as f32,
             gamma_max: 0.5,
             table_m: self.solver.table.map_or(0.0, |[height_m, _]| height_m - self.origin_m[2]),
             inertia: false,

@@ -22,6 +22,8 @@ pub(crate) struct Rates {
     pub way_max_m: f32,
     /// Share of the way to its gripper that a held point goes.
     pub grip: f32,
+    /// Stretch beside a held point at which it slips.
+    pub grip_strain_max: f32,
     /// γ where the paper's form would diverge at what is set.
     pub gamma_max: f32,
     /// Height of the table in the solver's frame, metres.
@@ -64,7 +66,8 @@ impl Solver {
         }
         if !self.anchors.is_empty() {
             for anchor in &self.anchors {
-                anchor.pull(&mut self.x, self.weights.as_ref(), rates.grip);
+                let weights = self.weights.as_ref();
+                anchor.pull(&mut self.x, weights, rates.grip, rates.grip_strain_max);
             }
             hooks.done(Part::Of(Effect::Grippers));
         }
@@ -89,6 +92,7 @@ impl Solver {
             self.width.run(RestOnTable { len, height_m: rates.table_m, friction, x, before });
             hooks.done(Part::Of(Effect::Table));
         }
+        self.keep_pinned();
         self.substeps = self.substeps.wrapping_add(1);
         if rates.inertia {
             let (len, per_s) = (self.len(), 1.0 / rates.dt_s);
@@ -197,6 +201,16 @@ impl Solver {
             self.width.run(HoldFacet { nodes, uv_m, frame: &frame, strength, weights, x });
         }
         hooks.done(Part::Of(Effect::Facets));
+    }
+
+    /// Neither the table nor a caller's contact moves what is pinned.
+    fn keep_pinned(&mut self) {
+        let Some(weights) = &self.weights else { return };
+        for place in self.layout.places().filter(|place| weights.rows()[*place] == 0.0) {
+            for (x, before) in self.x.iter_mut().zip(&self.before) {
+                x.rows_mut()[place] = before.rows()[place];
+            }
+        }
     }
 
     fn touch(&mut self, rates: &Rates, hooks: &mut Hooks<'_, '_>) {

@@ -138,13 +138,7 @@ impl Anchor {
     /// Moves the nodes by that share of the way, each in proportion to its weight; nodes without
     /// inverse mass stay. It goes no farther than where a link beside the point would be stretched
     /// by `strain_max`: there the point slips.
-    pub fn pull(
-        &self,
-        x: &mut [Field; 3],
-        masses: Option<&Field>,
-        strength: f32,
-        strain_max: f32,
-    ) {
+    pub fn pull(&self, x: &mut [Field; 3], masses: Option<&Field>, strength: f32, strain_max: f32) {
         let places = self.places.map(|n| n as usize);
         let mobility = places.map(|n| masses.map_or(1.0, |w| w.rows()[n].min(1.0)));
         let sum: f32 = (0..4).map(|k| mobility[k] * self.weights[k] * self.weights[k]).sum();
@@ -164,13 +158,7 @@ impl Anchor {
     }
 
     /// Share of a way, of which each node goes its own share, that stretches no link too far.
-    fn reach(
-        &self,
-        x: &[Field; 3],
-        way_m: [f32; 3],
-        shares: [f32; 4],
-        strain_max: f32,
-    ) -> f32 {
+    fn reach(&self, x: &[Field; 3], way_m: [f32; 3], shares: [f32; 4], strain_max: f32) -> f32 {
         let share_of = |place: u32| -> f32 {
             let own = self.places.iter().zip(shares).filter(|(own, _)| **own == place);
             own.map(|(_, share)| share).sum()

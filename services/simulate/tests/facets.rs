@@ -285,7 +285,6 @@ fn pulled_from_pinned(slip_strain: f64) -> [f64; 2] {
     [worst, f64::from(node[0])]
 }
 
-
 #[test]
 fn a_gripper_slips_where_paper_does_not_follow() {
     let [gentle, hard] = [0.1, 10.0].map(pulled_from_pinned);

@@ -59,6 +59,10 @@ pub struct Played {
     /// Substeps in which the net shortened all ways, and in which it was not armed.
     pub net_shortened: u32,
     pub net_unarmed: u32,
+    /// Substeps that contact refused, and the first frame with one: there the solver says that it
+    /// stops.
+    pub refused: u32,
+    pub stopped: Option<usize>,
     /// Milliseconds per frame, ascending.
     pub ms: Vec<f64>,
     pub end_m: Vec<[f32; 3]>,
@@ -76,7 +80,8 @@ impl Played {
         let [p50, max] = self.ms();
         format!(
             "{}/{} frames cross (first {:?}), {} pairs flipped, stretch {:.1} % (end {:.1}), end \
-             {:.2} mm/s, error {:.2} mm, net shortened {} unarmed {}, {p50:.1}/{max:.1} ms",
+             {:.2} mm/s, error {:.2} mm, net shortened {} unarmed {}, refused {} (first {:?}), \
+             {p50:.1}/{max:.1} ms",
             self.crossing.len(),
             self.frames,
             self.crossing.first(),
@@ -87,6 +92,8 @@ impl Played {
             1e3 * self.error_end_m,
             self.net_shortened,
             self.net_unarmed,
+            self.refused,
+            self.stopped,
         )
     }
 }
@@ -182,7 +189,11 @@ pub fn play(scene: &Scene<'_>) -> Played {
                 contact.project(pass.before_m, &mut last_m, pass.folds);
             }
             substep += 1;
-            contact.project(pass.before_m, pass.x_m, pass.folds);
+            let done = contact.project(pass.before_m, pass.x_m, pass.folds);
+            *pass.holds = done.holds;
+            if !done.holds {
+                return;
+            }
             if !substep.is_multiple_of((substeps / PASSES).max(1)) && substep != substeps {
                 return;
             }
@@ -196,7 +207,11 @@ pub fn play(scene: &Scene<'_>) -> Played {
             if on { Some(&mut pass) } else { None };
         let mut taking = Taking { contact, watch: None };
         let pulls = Pulls { targets_m: &targets_m, confidence: &confidence };
-        simulator.step_with(FRAME_S, pulls, false, &mut taking);
+        let report = simulator.step_with(FRAME_S, pulls, false, &mut taking);
+        played.refused += report.refused;
+        if report.refused > 0 {
+            played.stopped.get_or_insert(frame);
+        }
         was_on = on;
         played.ms.push(started.elapsed().as_secs_f64() * 1e3);
         let now = simulator.positions_m();

@@ -57,8 +57,14 @@ impl Hooks<'_, '_> {
 }
 
 impl Solver {
-    /// One substep. `targets` pull where the solver's own do not.
-    pub fn substep(&mut self, rates: &Rates, held: Option<&Targets>, hooks: &mut Hooks<'_, '_>) {
+    /// One substep; `held` pull where the solver's own targets do not. Whether it was made: contact
+    /// may refuse it.
+    pub fn substep(
+        &mut self,
+        rates: &Rates,
+        held: Option<&Targets>,
+        hooks: &mut Hooks<'_, '_>,
+    ) -> bool {
         self.advance(rates);
         hooks.done(Part::Inertia);
         if self.pull(rates, held) {
@@ -83,8 +89,13 @@ impl Solver {
         }
         self.hold_facets(hooks);
         if self.has_contact && rates.contact_awake && hooks.contact.is_some() {
-            self.touch(rates, hooks);
+            let holds = self.touch(rates, hooks);
             hooks.done(Part::Of(Effect::SelfContact));
+            if !holds {
+                self.substeps = self.substeps.wrapping_add(1);
+                self.take_back();
+                return false;
+            }
         }
         if let (Some([_, friction]), true) = (self.table, rates.table_awake) {
             let (len, before) = (self.len(), &self.before);
@@ -100,6 +111,17 @@ impl Solver {
             self.width.run(Settle { len, per_s, x, ahead, v });
         }
         hooks.done(Part::Inertia);
+        true
+    }
+
+    /// The sheet rests where the substep began.
+    fn take_back(&mut self) {
+        for (x, before) in self.x.iter_mut().zip(&self.before) {
+            x.rows_mut().copy_from_slice(before.rows());
+        }
+        for v in &mut self.v {
+            v.rows_mut().fill(0.0);
+        }
     }
 
     fn advance(&mut self, rates: &Rates) {
@@ -213,13 +235,16 @@ impl Solver {
         }
     }
 
-    fn touch(&mut self, rates: &Rates, hooks: &mut Hooks<'_, '_>) {
-        let Some(contact) = &mut hooks.contact else { return };
+    /// Whether the caller's contact holds.
+    fn touch(&mut self, rates: &Rates, hooks: &mut Hooks<'_, '_>) -> bool {
+        let Some(contact) = &mut hooks.contact else { return true };
         let [x_m, before_m] = &mut *hooks.room;
         gather(self.layout, &self.x, [0.0; 3], x_m);
         gather(self.layout, &self.before, [0.0; 3], before_m);
-        contact(ContactPass { x_m, before_m, folds: hooks.folds, dt_s: f64::from(rates.dt_s) });
+        let (dt_s, mut holds) = (f64::from(rates.dt_s), true);
+        contact(ContactPass { x_m, before_m, folds: hooks.folds, dt_s, holds: &mut holds });
         scatter(self.layout, x_m, &mut self.x);
+        holds
     }
 }
 

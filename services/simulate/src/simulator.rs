@@ -29,8 +29,7 @@ pub struct SimulateReport {
     pub targets_rejected: u32,
     /// Substeps that were made; 0 where the sheet slept, or a pose was taken over.
     pub substeps: u32,
-    /// How many of them contact refused: layers could not be parted, and the sheet stays where it
-    /// was. The rest of a frame is left out when the same would be refused again and again.
+    /// How many of them contact refused: layers could not be parted, and the sheet stayed there.
     pub refused: u32,
     /// Effects that the scene names and that proved idle in this step: nothing was paid for them.
     pub slept: Effects,
@@ -46,8 +45,8 @@ pub const FRAME_S_MIN: f64 = 1e-4;
 pub const FRAME_S_NOMINAL: f64 = 1.0 / 30.0;
 /// The origin follows when the sheet's middle is further away than this, metres.
 const ORIGIN_APART_M: f32 = 0.25;
-/// A frame ends after so many refused substeps in a row: from rest, under the same targets, facets
-/// gone through forwards and backwards, the next one would be refused as well.
+/// A frame ends after so many refused substeps in a row: from rest, facets gone through forwards
+/// and backwards, the next one would be refused as well.
 const REFUSED_MAX: u32 = 3;
 /// Most times as many substeps as set that a frame with much motion gets.
 const SUBSTEPS_TIMES_MAX: u32 = 4;
@@ -360,8 +359,8 @@ impl Simulator {
                 let holds = self.solver.substep(&rates, None, &mut hooks);
                 refused = if holds { 0 } else { refused + 1 };
                 report.refused += u32::from(!holds);
+                report.substeps = made + 1;
                 if refused == REFUSED_MAX {
-                    report.substeps = made + 1;
                     break;
                 }
             }
@@ -468,6 +467,7 @@ impl Simulator {
             dt_s,
             keep: (-drag_per_s * dt_s).exp(),
             way_max_m: acceleration_max * dt_s * dt_s,
+            strain_max: self.params.track.strain_max as f32,
             grip: self.params.grippers.strength as f32,
             grip_strain_max: self.params.grippers.strain_max as f32,
             gamma_max,

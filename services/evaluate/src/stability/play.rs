@@ -10,7 +10,7 @@ use std::time::Instant;
 
 /// Length of a frame, seconds.
 pub const FRAME_S: f64 = 1.0 / 30.0;
-/// Times that the net is cast per frame.
+/// Times that the net is cast per frame where there are facets.
 const PASSES: u32 = 5;
 /// Layers farther apart than this are not asked for their order, metres.
 const NEAR_M: f64 = 10e-3;
@@ -73,6 +73,13 @@ impl Played {
     pub fn ms(&self) -> [f64; 2] {
         let at = |k: usize| self.ms.get(k).copied().unwrap_or(f64::NAN);
         [at(self.ms.len() / 2), at(self.ms.len().saturating_sub(1))]
+    }
+
+    fn hear_refused(&mut self, frame: usize, refused: u32) {
+        self.refused += refused;
+        if refused > 0 {
+            self.stopped.get_or_insert(frame);
+        }
     }
 
     /// The figures of a line.
@@ -194,10 +201,14 @@ pub fn play(scene: &Scene<'_>) -> Played {
             if !done.holds {
                 return;
             }
-            if !substep.is_multiple_of((substeps / PASSES).max(1)) && substep != substeps {
+            // Between facets their order sees to most; a sheet of one needs the net all the time.
+            let every = if pass.folds.facets().len() > 1 { (substeps / PASSES).max(1) } else { 1 };
+            if !substep.is_multiple_of(every) && substep != substeps {
                 return;
             }
             let net = contact.truncate(&last_m, pass.x_m, pass.folds);
+            // A net that lets nobody move holds a sheet that has to rest first.
+            *pass.holds = net.share > 0.0;
             last_m.copy_from_slice(pass.x_m);
             played.net_shortened += u32::from(net.share < 1.0);
             played.net_unarmed += u32::from(!net.armed);
@@ -208,10 +219,7 @@ pub fn play(scene: &Scene<'_>) -> Played {
         let mut taking = Taking { contact, watch: None };
         let pulls = Pulls { targets_m: &targets_m, confidence: &confidence };
         let report = simulator.step_with(FRAME_S, pulls, false, &mut taking);
-        played.refused += report.refused;
-        if report.refused > 0 {
-            played.stopped.get_or_insert(frame);
-        }
+        played.hear_refused(frame, report.refused);
         was_on = on;
         played.ms.push(started.elapsed().as_secs_f64() * 1e3);
         let now = simulator.positions_m();

@@ -56,6 +56,7 @@ fn rates() -> Rates {
         dt_s: 1.0 / 600.0,
         keep: 0.98,
         way_max_m: 4e-4,
+        strain_max: f32::INFINITY,
         grip: 0.8,
         grip_strain_max: 0.1,
         gamma_max: 0.5,

@@ -60,6 +60,7 @@ impl Simulator {
             dt_s: (dt_s / f64::from(substeps)) as f32,
             keep: 1.0,
             way_max_m: f32::MAX,
+            strain_max: f32::INFINITY,
             grip: self.params.grippers.strength as f32,
             grip_strain_max: self.params.grippers.strain_max as f32,
             gamma_max: 0.5,

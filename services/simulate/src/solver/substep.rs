@@ -20,6 +20,8 @@ pub(crate) struct Rates {
     pub keep: f32,
     /// Longest way towards a target, metres; infinite where nodes are held.
     pub way_max_m: f32,
+    /// Stretch beside a node that leaves nothing of its target's pull, where contact takes part.
+    pub strain_max: f32,
     /// Share of the way to its gripper that a held point goes.
     pub grip: f32,
     /// Stretch beside a held point at which it slips.
@@ -67,7 +69,8 @@ impl Solver {
     ) -> bool {
         self.advance(rates);
         hooks.done(Part::Inertia);
-        if self.pull(rates, held) {
+        let touches = self.has_contact && rates.contact_awake && hooks.contact.is_some();
+        if self.pull(rates, held, touches) {
             hooks.done(Part::Of(Effect::Track));
         }
         if !self.anchors.is_empty() {
@@ -88,7 +91,7 @@ impl Solver {
             }
         }
         self.hold_facets(hooks);
-        if self.has_contact && rates.contact_awake && hooks.contact.is_some() {
+        if touches {
             let holds = self.touch(rates, hooks);
             hooks.done(Part::Of(Effect::SelfContact));
             if !holds {
@@ -140,7 +143,10 @@ impl Solver {
         });
     }
 
-    fn pull(&mut self, rates: &Rates, held: Option<&Targets>) -> bool {
+    fn pull(&mut self, rates: &Rates, held: Option<&Targets>, fades: bool) -> bool {
+        if fades {
+            self.fade_targets(rates.strain_max);
+        }
         let Some(targets) = held.or(self.targets.as_ref()).filter(|targets| targets.count > 0)
         else {
             return false;
@@ -149,7 +155,7 @@ impl Solver {
             len: self.layout.size(),
             way_max_m: rates.way_max_m,
             to: &targets.at_m,
-            ratio: &targets.ratio,
+            ratio: if fades { &targets.faded } else { &targets.ratio },
             x: &mut self.x,
         });
         true

@@ -24,7 +24,11 @@ fn hung(effects: &[Effect], nodes: usize, substeps: u32) -> (Simulator, SheetGri
         substep_motion_m: 0.0,
         effects: effects.to_vec(),
         bend: BendParams { reach: 4, compliance_m_per_n: 0.0, ..BendParams::default() },
-        track: TrackParams { frequency_hz: 10_000.0, acceleration_max_m_per_s2: 1e6 },
+        track: TrackParams {
+            frequency_hz: 10_000.0,
+            acceleration_max_m_per_s2: 1e6,
+            ..TrackParams::default()
+        },
         air_drag: AirDragParams { per_s: 3.0 },
         ..SimulateParams::default()
     };

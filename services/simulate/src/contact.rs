@@ -15,6 +15,9 @@ pub struct ContactPass<'a> {
     pub folds: &'a Folds,
     /// Length of the substep, seconds.
     pub dt_s: f64,
+    /// To be cleared where layers cannot be parted: the substep is taken back, and the sheet rests
+    /// where it was.
+    pub holds: &'a mut bool,
 }
 
 /// A part of a substep.

@@ -1,6 +1,8 @@
 //! Material points that are held.
 
+use crate::effect::Effect;
 use crate::params::SimulateConfig;
+use crate::solver::links::Colour;
 use orime_creases::Folds;
 use orime_geometry::SheetGrid;
 use orime_lanes::{Field, Layout};
@@ -13,6 +15,13 @@ pub struct Grip {
     pub uv_m: [f64; 2],
     /// Where it is held, world frame, metres.
     pub position_m: [f64; 3],
+}
+
+impl Grip {
+    /// Whether it holds a point of this sheet, somewhere.
+    pub(crate) fn is_on(&self, sheet: &SheetGrid) -> bool {
+        cell(sheet, self.uv_m).is_some() && self.position_m.iter().all(|c| c.is_finite())
+    }
 }
 
 /// What was said of the grippers around an instant.
@@ -61,7 +70,14 @@ pub(crate) struct Anchor {
     pub weights: [f32; 4],
     /// Where the point is held, metres, in the frame of the nodes.
     pub position_m: [f32; 3],
+    /// The links beside the point that may not become longer: their ends and rest lengths, metres.
+    beside: [([u32; 2], f32); BESIDE],
 }
+
+/// Times that all pairs of grips are brought within reach of each other.
+const REACH_SWEEPS: usize = 8;
+/// Neighbours of four nodes.
+const BESIDE: usize = 16;
 
 impl Anchor {
     /// The cell's nodes around a grip; a corner in another facet is left out where possible.
@@ -74,10 +90,10 @@ impl Anchor {
         origin_m: [f32; 3],
     ) -> Option<Self> {
         let layout = Layout::new(folds.sheet());
-        let (corner, [s, t]) = cell(folds.sheet(), grip.uv_m)?;
-        if !grip.position_m.iter().all(|c| c.is_finite()) {
+        if !grip.is_on(folds.sheet()) {
             return None;
         }
+        let (corner, [s, t]) = cell(folds.sheet(), grip.uv_m)?;
         let [i, j] = corner;
         let places = [[i, j], [i + 1, j], [i, j + 1], [i + 1, j + 1]]
             .map(|[i, j]| (i * layout.stride + j) as u32);
@@ -95,7 +111,19 @@ impl Anchor {
         let (_, weights) = within.unwrap_or(&candidates[0]);
         let position_m =
             [0, 1, 2].map(|axis| (grip.position_m[axis] - f64::from(origin_m[axis])) as f32);
-        Some(Self { places, weights: weights.map(|w| w as f32), position_m })
+        let beside = [([0; 2], f32::INFINITY); BESIDE];
+        Some(Self { places, weights: weights.map(|w| w as f32), position_m, beside })
+    }
+
+    /// Looks up the links beside the point.
+    pub fn tie(mut self, colours: &[Colour]) -> Self {
+        let stretch = || colours.iter().filter(|colour| colour.effect == Effect::Stretch);
+        let held = self.places.iter().zip(self.weights).filter(|(_, weight)| *weight != 0.0);
+        let links = held.flat_map(|(place, _)| stretch().flat_map(|colour| colour.at(*place)));
+        for (own, link) in self.beside.iter_mut().zip(links) {
+            *own = link;
+        }
+        self
     }
 
     /// Where the nodes have the point, metres.
@@ -108,8 +136,9 @@ impl Anchor {
     }
 
     /// Moves the nodes by that share of the way, each in proportion to its weight; nodes without
-    /// inverse mass stay.
-    pub fn pull(&self, x: &mut [Field; 3], masses: Option<&Field>, strength: f32) {
+    /// inverse mass stay. It goes no farther than where a link beside the point would be stretched
+    /// by `strain_max`: there the point slips.
+    pub fn pull(&self, x: &mut [Field; 3], masses: Option<&Field>, strength: f32, strain_max: f32) {
         let places = self.places.map(|n| n as usize);
         let mobility = places.map(|n| masses.map_or(1.0, |w| w.rows()[n].min(1.0)));
         let sum: f32 = (0..4).map(|k| mobility[k] * self.weights[k] * self.weights[k]).sum();
@@ -117,11 +146,57 @@ impl Anchor {
             return;
         }
         let held_m = self.held_m(x);
-        for (axis, x) in x.iter_mut().enumerate() {
+        let way_m = [0, 1, 2].map(|axis| strength * (self.position_m[axis] - held_m[axis]) / sum);
+        let shares = [0, 1, 2, 3].map(|k| mobility[k] * self.weights[k]);
+        let reach = self.reach(x, way_m, shares, strain_max);
+        for (x, way_m) in x.iter_mut().zip(way_m) {
             let x = x.rows_mut();
-            let way = strength * (self.position_m[axis] - held_m[axis]) / sum;
             for k in 0..4 {
-                x[places[k]] += mobility[k] * self.weights[k] * way;
+                x[places[k]] += shares[k] * reach * way_m;
+            }
+        }
+    }
+
+    /// Share of a way, of which each node goes its own share, that stretches no link too far.
+    fn reach(&self, x: &[Field; 3], way_m: [f32; 3], shares: [f32; 4], strain_max: f32) -> f32 {
+        let share_of = |place: u32| -> f32 {
+            let own = self.places.iter().zip(shares).filter(|(own, _)| **own == place);
+            own.map(|(_, share)| share).sum()
+        };
+        let mut reach: f32 = 1.0;
+        for ([a, b], rest_m) in self.beside {
+            // |d + t·e| = L: the larger t, or where |d + t·e| is least.
+            let most_m = rest_m * (1.0 + strain_max);
+            let d = x.each_ref().map(|x| x.rows()[b as usize] - x.rows()[a as usize]);
+            let e = way_m.map(|way_m| way_m * (share_of(b) - share_of(a)));
+            let dot = |p: [f32; 3], q: [f32; 3]| -> f32 { (0..3).map(|k| p[k] * q[k]).sum() };
+            let (ee, de, over_m2) = (dot(e, e), dot(d, e), dot(d, d) - most_m * most_m);
+            if ee + 2.0 * de + over_m2 > 0.0 && ee > 0.0 {
+                let t = ((de * de - ee * over_m2).max(0.0).sqrt() - de) / ee;
+                reach = reach.min(t.max(0.0));
+            }
+        }
+        reach
+    }
+}
+
+/// Moves grips together that are farther apart than the flat sheet between them is long, each by
+/// half of what is too much: paper does not stretch, and both hold equally.
+pub(crate) fn within_reach(grips: &mut [Grip]) {
+    for _ in 0..REACH_SWEEPS {
+        for b in 1..grips.len() {
+            for a in 0..b {
+                let [p, q] = [grips[a], grips[b]];
+                let long_m = (p.uv_m[0] - q.uv_m[0]).hypot(p.uv_m[1] - q.uv_m[1]);
+                let d: [f64; 3] = [0, 1, 2].map(|k| q.position_m[k] - p.position_m[k]);
+                let apart_m = d.iter().map(|d| d * d).sum::<f64>().sqrt();
+                if apart_m > long_m {
+                    for (k, d) in d.into_iter().enumerate() {
+                        let give_m = 0.5 * (1.0 - long_m / apart_m) * d;
+                        grips[a].position_m[k] += give_m;
+                        grips[b].position_m[k] -= give_m;
+                    }
+                }
             }
         }
     }
@@ -211,7 +286,7 @@ mod tests {
         let anchor = Anchor::new(&grip([0.031, 0.1]), &folds, &facets, [0.0; 3]).unwrap();
         let mut x = layout.fields();
         scatter(layout, &sheet.flat_m(), &mut x);
-        anchor.pull(&mut x, None, 1.0);
+        anchor.pull(&mut x, None, 1.0, f32::INFINITY);
         for (x, expected) in x.iter().zip([0.1, 0.2, 0.3]) {
             assert!((point(&anchor, x) - expected).abs() < 1e-6);
         }

@@ -139,10 +139,9 @@ pub struct CreaseParams {
     pub yield_rad: f64,
     /// Hinge: how much the elastic range grows per radian that was yielded. Default 0.
     pub hardening: f64,
-    /// Hinge: share of the way back to its rest angle that a crease goes in a substep.
-    /// Default 0.02.
+    /// Hinge: share of the way back to its rest angle in a substep. Default 0.02.
     pub stiffness: f64,
-    /// Paper: elastic range of a link across a crease, as a strain. Default 0.02.
+    /// Paper and everywhere: elastic range of a link, as a strain. Default 0.02.
     pub yield_strain: f64,
 }
 
@@ -155,6 +154,8 @@ pub enum CreaseKind {
     Hinge,
     /// The paper's: skip and diagonal links across a crease stay, and their rest lengths yield.
     Paper,
+    /// The same of all links, not localised: what the paper argues against.
+    Everywhere,
 }
 
 impl CreaseParams {
@@ -162,7 +163,7 @@ impl CreaseParams {
     pub(crate) fn plastic(&self) -> Plastic {
         let yields_at = match self.kind {
             CreaseKind::Hinge => self.yield_rad,
-            CreaseKind::Paper => self.yield_strain,
+            CreaseKind::Paper | CreaseKind::Everywhere => self.yield_strain,
         };
         Plastic { yields_at, hardening: self.hardening, stiffness: self.stiffness }
     }
@@ -217,8 +218,10 @@ pub struct GrippersParams {
     /// Share of the way to where it is held that a grasped point goes in a substep. 1 follows the
     /// gripper exactly, its errors included. Default 0.8.
     pub strength: f64,
-    /// How long before or after the targets' exposure a gripper's pose may be to count, s. Default
-    /// 0.05.
+    /// Stretch beside a grasped point at which it slips from the gripper. Small values hold little
+    /// weight, and follow a gripper that starts suddenly late. Default 0.5.
+    pub strain_max: f64,
+    /// Most time between a gripper's pose and the targets' exposure, s. Default 0.05.
     pub age_max_s: f64,
 }
 
@@ -226,12 +229,13 @@ pub struct GrippersParams {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TrackParams {
-    /// Natural frequency of the virtual springs to the targets, Hz, at full confidence. High
-    /// values follow the targets and their noise, low ones lag. Default 48.
+    /// Natural frequency of the targets' springs, Hz: high follows noise, low lags. Default 48.
     pub frequency_hz: f64,
-    /// Largest acceleration that a target may cause, m/s². A target that is far away pulls, it
-    /// never teleports. Default 400.
+    /// Largest acceleration, m/s²: a far target pulls, it never teleports. Default 400.
     pub acceleration_max_m_per_s2: f64,
+    /// Stretch beside a node that leaves nothing of its target's pull, where contact takes part in
+    /// the substeps. Large values let targets that contact bars tear at the sheet. Default 0.05.
+    pub strain_max: f64,
 }
 
 /// `[simulate.predict]`.
@@ -329,13 +333,13 @@ impl Default for FacetsParams {
 
 impl Default for GrippersParams {
     fn default() -> Self {
-        Self { strength: 0.8, age_max_s: 0.05 }
+        Self { strength: 0.8, strain_max: 0.5, age_max_s: 0.05 }
     }
 }
 
 impl Default for TrackParams {
     fn default() -> Self {
-        Self { frequency_hz: 48.0, acceleration_max_m_per_s2: 400.0 }
+        Self { frequency_hz: 48.0, acceleration_max_m_per_s2: 400.0, strain_max: 0.05 }
     }
 }
 
@@ -408,10 +412,12 @@ impl SimulateParams {
         within("facets.strength", facets.strength, 0.0, 1.0, "");
         within("facets.bend_tolerance", facets.bend_tolerance, 1e-5, 1.0, "");
         within("grippers.strength", grippers.strength, 0.0, 1.0, "");
+        within("grippers.strain_max", grippers.strain_max, 1e-4, 10.0, "");
         within("grippers.age_max_s", grippers.age_max_s, 0.0, 1.0, "s");
         within("track.frequency_hz", track.frequency_hz, 0.1, 10_000.0, "Hz");
         let acceleration = track.acceleration_max_m_per_s2;
         within("track.acceleration_max_m_per_s2", acceleration, 0.1, 1e6, "m/s²");
+        within("track.strain_max", track.strain_max, 1e-4, 10.0, "");
         within("predict.momentum", predict.momentum, 0.0, 1.0, "");
         within("predict.hold", predict.hold, 0.0, 1.0, "");
         within("predict.substeps", f64::from(predict.substeps), 1.0, 1000.0, "");

@@ -29,6 +29,8 @@ pub struct SimulateReport {
     pub targets_rejected: u32,
     /// Substeps that were made; 0 where the sheet slept, or a pose was taken over.
     pub substeps: u32,
+    /// How many of them contact refused: layers could not be parted, and the sheet stayed there.
+    pub refused: u32,
     /// Effects that the scene names and that proved idle in this step: nothing was paid for them.
     pub slept: Effects,
     /// Whether the paper's damping was held down to where it does not diverge.
@@ -43,6 +45,9 @@ pub const FRAME_S_MIN: f64 = 1e-4;
 pub const FRAME_S_NOMINAL: f64 = 1.0 / 30.0;
 /// The origin follows when the sheet's middle is further away than this, metres.
 const ORIGIN_APART_M: f32 = 0.25;
+/// A frame ends after so many refused substeps in a row: from rest, facets gone through forwards
+/// and backwards, the next one would be refused as well.
+const REFUSED_MAX: u32 = 3;
 /// Most times as many substeps as set that a frame with much motion gets.
 const SUBSTEPS_TIMES_MAX: u32 = 4;
 
@@ -89,8 +94,12 @@ pub struct Simulator {
     /// Smoothed motion from frame to frame, m/s.
     motion_m_per_s: Vec<[f32; 3]>,
     world: Vec<[f32; 3]>,
+    /// Whether lengths at rest are those of the flat grid.
+    is_flat_at_rest: bool,
     /// What holds the sheet.
     grips: Vec<Grip>,
+    /// Those of them that can, where the sheet lets them.
+    held: Vec<Grip>,
     rest: Rest,
     /// Usual length of a frame, seconds; 0 before the first.
     period_s: f64,
@@ -121,7 +130,9 @@ impl Simulator {
             facets_of_place: facets_of_place(solver.layout, &folds),
             origin_m: [0.0; 3],
             motion_m_per_s: vec![[0.0; 3]; world.len()],
+            is_flat_at_rest: rest_m.is_none(),
             grips: Vec::new(),
+            held: Vec::new(),
             rest: Rest::default(),
             period_s: 0.0,
             prediction: None,
@@ -313,7 +324,7 @@ impl Simulator {
             if *trust == 0.0 || weights.is_some_and(|w| w.rows()[place] == 0.0) {
                 continue;
             }
-            if !(target.iter().all(|c| c.is_finite()) && *trust > 0.0) {
+            if !(target.iter().all(|c| c.is_finite()) && *trust > 0.0 && trust.is_finite()) {
                 report.targets_rejected += 1;
                 continue;
             }
@@ -343,8 +354,15 @@ impl Simulator {
                 room: &mut self.points,
                 folds: &self.folds,
             };
-            for _ in 0..report.substeps {
-                self.solver.substep(&rates, None, &mut hooks);
+            let mut refused = 0;
+            for made in 0..report.substeps {
+                let holds = self.solver.substep(&rates, None, &mut hooks);
+                refused = if holds { 0 } else { refused + 1 };
+                report.refused += u32::from(!holds);
+                report.substeps = made + 1;
+                if refused == REFUSED_MAX {
+                    break;
+                }
             }
         }
         self.finish(dt_s);
@@ -363,9 +381,14 @@ impl Simulator {
         let per_s = 1.0 / dt_s as f32;
         let mut moved_m: f32 = 0.0;
         let [x, y, z] = self.solver.x.each_ref().map(|field| field.rows());
+        let weights = self.solver.weights.as_ref();
         for ((place, world), motion) in
             self.solver.layout.places().zip(&mut self.world).zip(&mut self.motion_m_per_s)
         {
+            if weights.is_some_and(|w| w.rows()[place] == 0.0) {
+                *motion = [0.0; 3];
+                continue; // What is pinned keeps its bits: the origin's rounding moves nothing.
+            }
             let now = [x[place], y[place], z[place]];
             for axis in 0..3 {
                 let now = now[axis] + self.origin_m[axis];
@@ -444,7 +467,9 @@ impl Simulator {
             dt_s,
             keep: (-drag_per_s * dt_s).exp(),
             way_max_m: acceleration_max * dt_s * dt_s,
+            strain_max: self.params.track.strain_max as f32,
             grip: self.params.grippers.strength as f32,
+            grip_strain_max: self.params.grippers.strain_max as f32,
             gamma_max,
             table_m,
             inertia: true,

@@ -263,3 +263,47 @@ fn the_table_stops_what_falls_on_it_and_friction_what_slides() {
     let (smooth_m, rough_m) = (slide_m(0.0), slide_m(0.8));
     assert!(rough_m < 0.7 * smooth_m, "{rough_m} m rough, {smooth_m} m smooth");
 }
+
+/// Largest strain while a gripper pulls 0.1 m away from a pinned edge, and where it gets to.
+fn pulled_from_pinned(slip_strain: f64) -> [f64; 2] {
+    let mut params = SimulateParams::default();
+    params.grippers.strain_max = slip_strain;
+    let mut simulator = simulator(&params);
+    let free = vec![0.0; sheet().len()];
+    simulator.step(FRAME_S, &sheet().flat_m(), &free, true);
+    let pinned = |[u, _]: [f64; 2]| if u < 0.01 { 0.0 } else { 1.0 };
+    assert!(simulator.set_inverse_masses(&sheet().uv_m().map(pinned).collect::<Vec<_>>()));
+    let mut worst: f64 = 0.0;
+    for frame in 1..=60 {
+        let away_m = 0.1 * (f64::from(frame) / 30.0).min(1.0);
+        let position_m = [0.075 + away_m, 0.0, 0.0];
+        simulator.set_grips(&[Grip { uv_m: [0.15, 0.075], position_m }]);
+        simulator.step(FRAME_S, &sheet().flat_m(), &free, false);
+        worst = worst.max(strain_max(simulator.positions_m()));
+    }
+    let node = simulator.positions_m()[sheet().index(24, 12)];
+    [worst, f64::from(node[0])]
+}
+
+#[test]
+fn a_gripper_slips_where_paper_does_not_follow() {
+    let [gentle, hard] = [0.1, 10.0].map(pulled_from_pinned);
+    assert!(gentle[0] < 0.11 && gentle[1] < 0.085, "{gentle:?}");
+    assert!(hard[0] > 3.0 * gentle[0], "{hard:?}");
+}
+
+#[test]
+fn grippers_farther_apart_than_the_paper_between_them_meet_halfway() {
+    let mut simulator = simulator(&SimulateParams::default());
+    let free = vec![0.0; sheet().len()];
+    simulator.step(FRAME_S, &sheet().flat_m(), &free, true);
+    let grip = |u: f64, x: f64| Grip { uv_m: [u, 0.075], position_m: [x, 0.0, 0.0] };
+    for _ in 0..30 {
+        simulator.set_grips(&[grip(0.0, -0.080), grip(0.15, 0.100)]);
+        simulator.step(FRAME_S, &sheet().flat_m(), &free, false);
+    }
+    let x = simulator.positions_m();
+    let ends_m = [0, 24].map(|i| f64::from(x[sheet().index(i, 12)][0]));
+    assert!((ends_m[0] + 0.065).abs() < 5e-4 && (ends_m[1] - 0.085).abs() < 5e-4, "{ends_m:?}");
+    assert!(strain_max(simulator.positions_m()) < 0.01);
+}

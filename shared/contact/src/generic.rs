@@ -23,7 +23,7 @@ mod untangle;
 use crate::mesh::Mesh;
 use crate::params::{ContactConfig, ContactParams};
 use crate::push::weighted_push;
-use cells::{Cells, Parts};
+use cells::{Boxes, Cells, Parts};
 use nalgebra::Vector3;
 use orime_geometry::SheetGrid;
 use pair::Pair;
@@ -49,11 +49,14 @@ pub struct GenericContact {
     mesh: Mesh,
     parts: Parts,
     cells: Cells,
+    boxes: Boxes,
     mobility: Vec<f64>,
     origin_m: Vector3<f64>,
     from: Vec<Vector3<f64>>,
     to: Vec<Vector3<f64>>,
     pairs: Vec<Pair>,
+    /// When the net moved each node last, in pairs gone through.
+    blended_at: Vec<u32>,
     /// What the net last let through: known to be free of crossings.
     proven_m: Vec<[f32; 3]>,
 }
@@ -67,11 +70,13 @@ impl GenericContact {
             params: config.params.clone(),
             parts: Parts::new(&mesh),
             cells: Cells::new(&mesh),
+            boxes: Boxes::new(&mesh),
             mobility: vec![1.0; count],
             origin_m: Vector3::zeros(),
             from: vec![Vector3::zeros(); count],
             to: vec![Vector3::zeros(); count],
             pairs: Vec::with_capacity(16 * count),
+            blended_at: vec![0; count],
             proven_m: vec![[f32::NAN; 3]; count],
             mesh,
         }
@@ -138,36 +143,15 @@ impl GenericContact {
 
     /// Fills `pairs` with those that come nearer than `reach_m` between `from` and `to`.
     fn list_pairs(&mut self, reach_m: f64) {
-        let Self { mesh, parts, cells, from, to, pairs, .. } = self;
+        let Self { mesh, parts, cells, boxes, from, to, pairs, .. } = self;
         cells.find(mesh, from, to, reach_m);
+        boxes.fill(mesh, from, to, 0.5 * reach_m);
         pairs.clear();
         for near in &cells.near {
-            parts.pairs(mesh, *near, |pair| {
-                if is_near(&pair, from, to, reach_m) {
-                    pairs.push(pair);
-                }
-            });
+            parts.pairs(mesh, boxes, *near, |pair| pairs.push(pair));
         }
         pairs.sort_unstable();
     }
-}
-
-/// Whether the boxes around a pair's two sides, on their ways, come near.
-fn is_near(pair: &Pair, from: &[Vector3<f64>], to: &[Vector3<f64>], reach_m: f64) -> bool {
-    let split = if pair.edges { 2 } else { 1 };
-    let (first, second) = pair.nodes.split_at(split);
-    (0..3).all(|k| {
-        let ends = |nodes: &[u32]| {
-            let mut span = (f64::INFINITY, f64::NEG_INFINITY);
-            for n in nodes {
-                let (p, q) = (from[*n as usize][k], to[*n as usize][k]);
-                span = (span.0.min(p).min(q), span.1.max(p).max(q));
-            }
-            span
-        };
-        let (a, b) = (ends(first), ends(second));
-        a.0 <= b.1 + reach_m && b.0 <= a.1 + reach_m
-    })
 }
 
 fn is_usable(x_m: &[[f32; 3]], count: usize) -> bool {

@@ -43,4 +43,4 @@ mod topology;
 pub use generic::{GenericContact, GenericReport, NetReport, UntangleReport};
 pub use params::{ContactConfig, ContactParams};
 pub use project::{ContactReport, FacetContact};
-pub use self_contact::SelfContact;
+pub use self_contact::{PassReport, SelfContact};

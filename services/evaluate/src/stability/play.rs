@@ -10,7 +10,7 @@ use std::time::Instant;
 
 /// Length of a frame, seconds.
 pub const FRAME_S: f64 = 1.0 / 30.0;
-/// Times that the net is cast per frame.
+/// Times that the net is cast per frame where there are facets.
 const PASSES: u32 = 5;
 /// Layers farther apart than this are not asked for their order, metres.
 const NEAR_M: f64 = 10e-3;
@@ -59,6 +59,10 @@ pub struct Played {
     /// Substeps in which the net shortened all ways, and in which it was not armed.
     pub net_shortened: u32,
     pub net_unarmed: u32,
+    /// Substeps that contact refused, and the first frame with one: there the solver says that it
+    /// stops.
+    pub refused: u32,
+    pub stopped: Option<usize>,
     /// Milliseconds per frame, ascending.
     pub ms: Vec<f64>,
     pub end_m: Vec<[f32; 3]>,
@@ -71,12 +75,20 @@ impl Played {
         [at(self.ms.len() / 2), at(self.ms.len().saturating_sub(1))]
     }
 
+    fn hear_refused(&mut self, frame: usize, refused: u32) {
+        self.refused += refused;
+        if refused > 0 {
+            self.stopped.get_or_insert(frame);
+        }
+    }
+
     /// The figures of a line.
     pub fn figures(&self) -> String {
         let [p50, max] = self.ms();
         format!(
             "{}/{} frames cross (first {:?}), {} pairs flipped, stretch {:.1} % (end {:.1}), end \
-             {:.2} mm/s, error {:.2} mm, net shortened {} unarmed {}, {p50:.1}/{max:.1} ms",
+             {:.2} mm/s, error {:.2} mm, net shortened {} unarmed {}, refused {} (first {:?}), \
+             {p50:.1}/{max:.1} ms",
             self.crossing.len(),
             self.frames,
             self.crossing.first(),
@@ -87,6 +99,8 @@ impl Played {
             1e3 * self.error_end_m,
             self.net_shortened,
             self.net_unarmed,
+            self.refused,
+            self.stopped,
         )
     }
 }
@@ -182,11 +196,19 @@ pub fn play(scene: &Scene<'_>) -> Played {
                 contact.project(pass.before_m, &mut last_m, pass.folds);
             }
             substep += 1;
-            contact.project(pass.before_m, pass.x_m, pass.folds);
-            if !substep.is_multiple_of((substeps / PASSES).max(1)) && substep != substeps {
+            let done = contact.project(pass.before_m, pass.x_m, pass.folds);
+            *pass.holds = done.holds;
+            if !done.holds {
+                return;
+            }
+            // Between facets their order sees to most; a sheet of one needs the net all the time.
+            let every = if pass.folds.facets().len() > 1 { (substeps / PASSES).max(1) } else { 1 };
+            if !substep.is_multiple_of(every) && substep != substeps {
                 return;
             }
             let net = contact.truncate(&last_m, pass.x_m, pass.folds);
+            // A net that lets nobody move holds a sheet that has to rest first.
+            *pass.holds = net.share > 0.0;
             last_m.copy_from_slice(pass.x_m);
             played.net_shortened += u32::from(net.share < 1.0);
             played.net_unarmed += u32::from(!net.armed);
@@ -196,7 +218,8 @@ pub fn play(scene: &Scene<'_>) -> Played {
             if on { Some(&mut pass) } else { None };
         let mut taking = Taking { contact, watch: None };
         let pulls = Pulls { targets_m: &targets_m, confidence: &confidence };
-        simulator.step_with(FRAME_S, pulls, false, &mut taking);
+        let report = simulator.step_with(FRAME_S, pulls, false, &mut taking);
+        played.hear_refused(frame, report.refused);
         was_on = on;
         played.ms.push(started.elapsed().as_secs_f64() * 1e3);
         let now = simulator.positions_m();

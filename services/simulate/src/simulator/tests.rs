@@ -165,3 +165,32 @@ fn every_width_of_vectors_gives_the_same_bits() {
         assert_eq!(run(width), portable, "{width:?}");
     }
 }
+
+#[test]
+fn a_refused_substep_leaves_the_sheet_at_rest_where_it_was() {
+    let (mut simulator, sheet) = simulator(SimulateParams::default());
+    let bent: Vec<[f32; 3]> =
+        sheet.flat_m().iter().map(|p| [p[0], p[1], 5.0 * p[0] * p[0]]).collect();
+    let trust = vec![1.0; sheet.len()];
+    let step = |simulator: &mut Simulator, from: u32| {
+        let mut passes = 0;
+        let mut contact = |pass: ContactPass<'_>| {
+            passes += 1;
+            *pass.holds = passes < from;
+        };
+        let pulls = Pulls { targets_m: &bent, confidence: &trust };
+        let mut taking = Taking { contact: Some(&mut contact), watch: None };
+        simulator.step_with(1.0 / 30.0, pulls, false, &mut taking)
+    };
+    let free = step(&mut simulator, u32::MAX);
+    assert!(free.refused == 0 && free.substeps >= 20, "{free:?}");
+    let before = simulator.positions_m().to_vec();
+    // Three in a row end the frame.
+    let report = step(&mut simulator, 1);
+    assert_eq!((report.refused, report.substeps), (3, 3));
+    assert_eq!(simulator.positions_m(), before);
+    assert!(simulator.solver.v.iter().all(|v| v.rows().iter().all(|v| *v == 0.0)));
+    let report = step(&mut simulator, 5);
+    assert_eq!((report.refused, report.substeps), (3, 7));
+    assert!(simulator.positions_m() != before, "four were made");
+}

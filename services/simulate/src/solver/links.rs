@@ -76,6 +76,17 @@ impl Colour {
         self.chunks.iter().map(|chunk| chunk.bits.count_ones() as usize).sum()
     }
 
+    /// The links that act at a place: ends and rest length, metres; at most two.
+    pub fn at(&self, place: u32) -> impl Iterator<Item = ([u32; 2], f32)> {
+        let firsts = [Some(place), place.checked_sub(self.offset as u32)];
+        firsts.into_iter().flatten().filter_map(|first| {
+            let (start, lane) = (first - first % LANES as u32, first as usize % LANES);
+            let at = self.chunks.binary_search_by_key(&start, |chunk| chunk.first).ok()?;
+            let acts = self.chunks[at].bits >> lane & 1 == 1;
+            acts.then(|| ([first, first + self.offset as u32], self.rest_m.of(at, lane)))
+        })
+    }
+
     /// Bytes that it takes.
     pub fn bytes(&self) -> usize {
         let each = if let Rest::Each(rest_m) = &self.rest_m { rest_m.len() } else { 0 };

@@ -4,7 +4,8 @@
 //!
 //! ```text
 //! x° = x;  v ← (v − g·dt)·e^(−drag·dt);  x ← x + v·dt                       (motion.rs)
-//! track:     x ← x + (t − x)·r,  r = 1/(1 + 1/(c·ω²dt²)),  |(t − x)·r| ≤ a_max·dt²
+//! track:     x ← x + (t − x)·r,  r = 1/(1 + 1/(c·ω²dt²)),  |(t − x)·r| ≤ a_max·dt²; with contact,
+//!            r fades where links beside the node are stretched              (fade.rs)
 //! grippers:  the held point goes a share of the way to its gripper          (grips.rs)
 //! bend:      hinges and twists, where it is not skip links                  (plate.rs)
 //! links:     colour by colour                                               (project.rs)
@@ -20,6 +21,7 @@
 
 pub(crate) mod crease;
 pub(crate) mod facets;
+mod fade;
 pub(crate) mod links;
 mod motion;
 mod plate;
@@ -52,6 +54,8 @@ pub(crate) struct Targets {
     pub confidence: Field,
     /// Share of the way in a substep, from the confidence.
     pub ratio: Field,
+    /// The same, faded where links are stretched.
+    pub faded: Field,
     /// How many pull.
     pub count: u32,
 }
@@ -59,8 +63,8 @@ pub(crate) struct Targets {
 impl Targets {
     /// Nothing pulls.
     pub fn new(layout: Layout) -> Self {
-        let (confidence, ratio) = (layout.field(), layout.field());
-        Self { at_m: layout.fields(), confidence, ratio, count: 0 }
+        let [confidence, ratio, faded] = layout.fields();
+        Self { at_m: layout.fields(), confidence, ratio, faded, count: 0 }
     }
 }
 
@@ -102,6 +106,7 @@ pub(crate) struct Solver {
     pub hinges: Vec<Hinge>,
     pub plastic_links: Vec<PlasticLink>,
     is_paper_plastic: bool,
+    yields_everywhere: bool,
     /// Height and friction of the table.
     pub table: Option<[f32; 2]>,
     pub has_contact: bool,
@@ -122,7 +127,8 @@ impl Solver {
         let layout = Layout::new(sheet);
         let has = |effect| params.effects.contains(&effect);
         let named = |effect, value: f64| (has(effect) && value != 0.0).then_some(value as f32);
-        let is_paper_plastic = has(Effect::Crease) && params.crease.kind == CreaseKind::Paper;
+        let is_paper_plastic = has(Effect::Crease) && params.crease.kind != CreaseKind::Hinge;
+        let yields_everywhere = params.crease.kind == CreaseKind::Everywhere;
         let is_plate = has(Effect::Bend) && params.bend.kind == BendKind::Hinge;
         let no_link = |effect: &Effect| is_plate && *effect == Effect::Bend;
         let effects: Vec<Effect> =
@@ -168,6 +174,7 @@ impl Solver {
             hinges: Vec::new(),
             plastic_links: Vec::new(),
             is_paper_plastic,
+            yields_everywhere,
             table: has(Effect::Table)
                 .then_some([params.table.height_m as f32, params.table.friction as f32]),
             has_contact: has(Effect::SelfContact),
@@ -214,7 +221,13 @@ impl Solver {
             table.set(self.layout, folds);
         }
         let Some(plastic) = self.plastic else { return };
-        if self.is_paper_plastic {
+        if self.yields_everywhere {
+            if self.plastic_links.is_empty() {
+                // As if no two places shared a facet.
+                let apart = vec![0; facets.len()];
+                self.plastic_links = crease::plastic_links(&mut self.colours, &apart, &[]);
+            }
+        } else if self.is_paper_plastic {
             let links = crease::plastic_links(&mut self.colours, &facets, &self.plastic_links);
             self.plastic_links = links;
         } else {
@@ -294,7 +307,11 @@ impl Solver {
             Some(Effect::Facets) => self.facet_table.as_ref().map_or(0, FacetTable::bytes),
             Some(Effect::Grippers) => size_of_val(&self.anchors[..]),
             Some(Effect::Track) => self.targets.as_ref().map_or(0, |targets| {
-                fields(&targets.at_m) + targets.confidence.bytes() + targets.ratio.bytes()
+                fields(&targets.at_m)
+                    + [&targets.confidence, &targets.ratio, &targets.faded]
+                        .map(Field::bytes)
+                        .iter()
+                        .sum::<usize>()
             }),
             Some(_) => 0,
         }

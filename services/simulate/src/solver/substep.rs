@@ -20,8 +20,12 @@ pub(crate) struct Rates {
     pub keep: f32,
     /// Longest way towards a target, metres; infinite where nodes are held.
     pub way_max_m: f32,
+    /// Stretch beside a node that leaves nothing of its target's pull, where contact takes part.
+    pub strain_max: f32,
     /// Share of the way to its gripper that a held point goes.
     pub grip: f32,
+    /// Stretch beside a held point at which it slips.
+    pub grip_strain_max: f32,
     /// γ where the paper's form would diverge at what is set.
     pub gamma_max: f32,
     /// Height of the table in the solver's frame, metres.
@@ -55,16 +59,24 @@ impl Hooks<'_, '_> {
 }
 
 impl Solver {
-    /// One substep. `targets` pull where the solver's own do not.
-    pub fn substep(&mut self, rates: &Rates, held: Option<&Targets>, hooks: &mut Hooks<'_, '_>) {
+    /// One substep; `held` pull where the solver's own targets do not. Whether it was made: contact
+    /// may refuse it.
+    pub fn substep(
+        &mut self,
+        rates: &Rates,
+        held: Option<&Targets>,
+        hooks: &mut Hooks<'_, '_>,
+    ) -> bool {
         self.advance(rates);
         hooks.done(Part::Inertia);
-        if self.pull(rates, held) {
+        let touches = self.has_contact && rates.contact_awake && hooks.contact.is_some();
+        if self.pull(rates, held, touches) {
             hooks.done(Part::Of(Effect::Track));
         }
         if !self.anchors.is_empty() {
             for anchor in &self.anchors {
-                anchor.pull(&mut self.x, self.weights.as_ref(), rates.grip);
+                let weights = self.weights.as_ref();
+                anchor.pull(&mut self.x, weights, rates.grip, rates.grip_strain_max);
             }
             hooks.done(Part::Of(Effect::Grippers));
         }
@@ -79,9 +91,14 @@ impl Solver {
             }
         }
         self.hold_facets(hooks);
-        if self.has_contact && rates.contact_awake && hooks.contact.is_some() {
-            self.touch(rates, hooks);
+        if touches {
+            let holds = self.touch(rates, hooks);
             hooks.done(Part::Of(Effect::SelfContact));
+            if !holds {
+                self.substeps = self.substeps.wrapping_add(1);
+                self.take_back();
+                return false;
+            }
         }
         if let (Some([_, friction]), true) = (self.table, rates.table_awake) {
             let (len, before) = (self.len(), &self.before);
@@ -89,6 +106,7 @@ impl Solver {
             self.width.run(RestOnTable { len, height_m: rates.table_m, friction, x, before });
             hooks.done(Part::Of(Effect::Table));
         }
+        self.keep_pinned();
         self.substeps = self.substeps.wrapping_add(1);
         if rates.inertia {
             let (len, per_s) = (self.len(), 1.0 / rates.dt_s);
@@ -96,6 +114,17 @@ impl Solver {
             self.width.run(Settle { len, per_s, x, ahead, v });
         }
         hooks.done(Part::Inertia);
+        true
+    }
+
+    /// The sheet rests where the substep began.
+    fn take_back(&mut self) {
+        for (x, before) in self.x.iter_mut().zip(&self.before) {
+            x.rows_mut().copy_from_slice(before.rows());
+        }
+        for v in &mut self.v {
+            v.rows_mut().fill(0.0);
+        }
     }
 
     fn advance(&mut self, rates: &Rates) {
@@ -114,7 +143,10 @@ impl Solver {
         });
     }
 
-    fn pull(&mut self, rates: &Rates, held: Option<&Targets>) -> bool {
+    fn pull(&mut self, rates: &Rates, held: Option<&Targets>, fades: bool) -> bool {
+        if fades {
+            self.fade_targets(rates.strain_max);
+        }
         let Some(targets) = held.or(self.targets.as_ref()).filter(|targets| targets.count > 0)
         else {
             return false;
@@ -123,7 +155,7 @@ impl Solver {
             len: self.layout.size(),
             way_max_m: rates.way_max_m,
             to: &targets.at_m,
-            ratio: &targets.ratio,
+            ratio: if fades { &targets.faded } else { &targets.ratio },
             x: &mut self.x,
         });
         true
@@ -199,13 +231,26 @@ impl Solver {
         hooks.done(Part::Of(Effect::Facets));
     }
 
-    fn touch(&mut self, rates: &Rates, hooks: &mut Hooks<'_, '_>) {
-        let Some(contact) = &mut hooks.contact else { return };
+    /// Neither the table nor a caller's contact moves what is pinned.
+    fn keep_pinned(&mut self) {
+        let Some(weights) = &self.weights else { return };
+        for place in self.layout.places().filter(|place| weights.rows()[*place] == 0.0) {
+            for (x, before) in self.x.iter_mut().zip(&self.before) {
+                x.rows_mut()[place] = before.rows()[place];
+            }
+        }
+    }
+
+    /// Whether the caller's contact holds.
+    fn touch(&mut self, rates: &Rates, hooks: &mut Hooks<'_, '_>) -> bool {
+        let Some(contact) = &mut hooks.contact else { return true };
         let [x_m, before_m] = &mut *hooks.room;
         gather(self.layout, &self.x, [0.0; 3], x_m);
         gather(self.layout, &self.before, [0.0; 3], before_m);
-        contact(ContactPass { x_m, before_m, folds: hooks.folds, dt_s: f64::from(rates.dt_s) });
+        let (dt_s, mut holds) = (f64::from(rates.dt_s), true);
+        contact(ContactPass { x_m, before_m, folds: hooks.folds, dt_s, holds: &mut holds });
         scatter(self.layout, x_m, &mut self.x);
+        holds
     }
 }
 

@@ -34,6 +34,45 @@ impl Span {
     }
 }
 
+/// Boxes around every node, edge and triangle on its way.
+#[derive(Debug)]
+pub(crate) struct Boxes {
+    nodes: Vec<Span>,
+    edges: Vec<Span>,
+    triangles: Vec<Span>,
+}
+
+impl Boxes {
+    pub fn new(mesh: &Mesh) -> Self {
+        let empty = |count: usize| vec![Span::EMPTY; count];
+        Self {
+            nodes: empty(mesh.uv_m.len()),
+            edges: empty(mesh.edges.len()),
+            triangles: empty(mesh.triangles.len()),
+        }
+    }
+
+    /// Around the ways from `from` to `to`, this much wider on every side, metres.
+    pub fn fill(&mut self, mesh: &Mesh, from: &[Vector3<f64>], to: &[Vector3<f64>], margin_m: f64) {
+        let wide = Vector3::repeat(margin_m);
+        for (node, (p, q)) in self.nodes.iter_mut().zip(from.iter().zip(to)) {
+            *node = Span { low: p.inf(q) - wide, high: p.sup(q) + wide };
+        }
+        let around = |nodes: &[u32]| {
+            nodes.iter().fold(Span::EMPTY, |mut span, n| {
+                span.join(&self.nodes[*n as usize]);
+                span
+            })
+        };
+        for (span, edge) in self.edges.iter_mut().zip(&mesh.edges) {
+            *span = around(edge);
+        }
+        for (span, triangle) in self.triangles.iter_mut().zip(&mesh.triangles) {
+            *span = around(triangle);
+        }
+    }
+}
+
 /// Boxes over 2ᵏ × 2ᵏ blocks of cells, and the cells that come near each other.
 #[derive(Debug)]
 pub(crate) struct Cells {
@@ -156,12 +195,13 @@ impl Parts {
         parts
     }
 
-    /// All pairs of two cells that share no node.
-    pub fn pairs(&self, mesh: &Mesh, [a, b]: [u32; 2], mut found: impl FnMut(Pair)) {
+    /// All pairs of two cells that share no node and whose boxes meet.
+    pub fn pairs(&self, mesh: &Mesh, boxes: &Boxes, [a, b]: [u32; 2], mut found: impl FnMut(Pair)) {
         for (first, second) in [(a, b), (b, a)] {
             for t in &self.triangles[second as usize] {
                 let [p, q, r] = mesh.triangles[*t as usize];
-                if first != p && first != q && first != r {
+                let meets = boxes.nodes[first as usize].is_near(&boxes.triangles[*t as usize], 0.0);
+                if meets && first != p && first != q && first != r {
                     found(Pair { nodes: [first, p, q, r], edges: false });
                 }
             }
@@ -173,7 +213,8 @@ impl Parts {
             let others = &self.edges[b as usize];
             for f in if a == b { &others[k + 1..] } else { &others[..] } {
                 let ([p, q], [r, s]) = (mesh.edges[*e as usize], mesh.edges[*f as usize]);
-                if p != r && p != s && q != r && q != s {
+                let meets = boxes.edges[*e as usize].is_near(&boxes.edges[*f as usize], 0.0);
+                if meets && p != r && p != s && q != r && q != s {
                     found(Pair { nodes: [p, q, r, s], edges: true });
                 }
             }

@@ -44,6 +44,20 @@ impl Pair {
         if self.edges { a.max(b) + c.max(d) } else { a + b.max(c).max(d) }
     }
 
+    /// How far apart the boxes around both sides are, metres: the pair is no nearer than that.
+    fn boxes_apart_m(&self, p: &[Vector3<f64>; 4]) -> f64 {
+        let apart = |k: usize| {
+            let [a, b, c, d] = [p[0][k], p[1][k], p[2][k], p[3][k]];
+            let (first, second) = if self.edges {
+                ((a.min(b), a.max(b)), (c.min(d), c.max(d)))
+            } else {
+                ((a, a), (b.min(c).min(d), b.max(c).max(d)))
+            };
+            (second.0 - first.1).max(first.0 - second.1)
+        };
+        apart(0).max(apart(1)).max(apart(2))
+    }
+
     /// How far the first side lies beyond the second along a direction, metres.
     fn parted_m(&self, p: &[Vector3<f64>; 4], normal: &Vector3<f64>) -> f64 {
         let [a, b, c, d] = p.map(|p| p.dot(normal));
@@ -60,6 +74,10 @@ impl Pair {
             return 0.0;
         }
         let relative_m = self.relative_m(&moves);
+        let boxes_m = self.boxes_apart_m(from);
+        if boxes_m > 0.0 && boxes_m - relative_m >= margin_m(boxes_m) {
+            return 1.0; // Spares the nearest places, which are no nearer.
+        }
         let first = self.nearest(from);
         let margin_m = margin_m(first.distance_m);
         if first.distance_m - relative_m >= margin_m {

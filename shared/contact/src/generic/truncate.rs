@@ -65,14 +65,23 @@ impl GenericContact {
     /// Gives pairs that would meet their mean motion; how often.
     fn blend(&mut self) -> u32 {
         let mut blended = 0;
+        self.blended_at.fill(0);
         for pass in 0..PASSES {
             let before = blended;
             for at in 0..self.pairs.len() {
                 let pair = self.pairs[at];
+                // A pair that was free stays so until one of its nodes is moved: by a later pair
+                // of the last pass or by an earlier one of this.
+                let turn = (pass * self.pairs.len() + at) as u32 + 1;
+                let last = turn.saturating_sub(self.pairs.len() as u32);
+                if pass > 0 && pair.nodes.iter().all(|n| self.blended_at[*n as usize] < last) {
+                    continue;
+                }
                 let (from, to) = self.way(&pair);
                 let share = pair.free_share(&from, &to);
                 if share < 1.0 {
                     blended += 1;
+                    pair.nodes.iter().for_each(|n| self.blended_at[*n as usize] = turn);
                     let kept = if 2 * pass < PASSES { USED * share } else { 0.0 };
                     self.go_together(&pair, &from, &to, kept);
                 }

@@ -74,12 +74,15 @@ impl BitImage {
     }
 
     /// Nine pixels of row `y` from `x` on, the first lowest; nothing is set beyond the row.
+    #[inline(always)]
     pub fn nine(&self, x: usize, y: usize) -> u32 {
         let row = self.row(y);
         let (k, shift) = (x / 64, x % 64);
-        let next = row.get(k + 1).copied().unwrap_or(0);
-        let both = u128::from(row[k]) | u128::from(next) << 64;
-        (both >> shift) as u32 & 0x1ff
+        let mut nine = row[k] >> shift;
+        if shift > 64 - 9 {
+            nine |= row.get(k + 1).copied().unwrap_or(0) << (64 - shift);
+        }
+        nine as u32 & 0x1ff
     }
 
     /// Sets the pixel at a bit address, `64 words y + x`.

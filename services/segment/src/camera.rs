@@ -331,7 +331,8 @@ impl CameraSegmenter {
 
     /// Where [`Self::find_sheet`] found the sheet, if it did.
     fn sighting(&self) -> Option<Sighting> {
-        let whole = |inner: Window, at: Window| Window { x: at.x + inner.x, y: at.y + inner.y, ..inner };
+        let whole =
+            |inner: Window, at: Window| Window { x: at.x + inner.x, y: at.y + inner.y, ..inner };
         Some(Sighting {
             area_m2: self.area_m2?,
             mask: whole(self.color.mask.bounds()?, self.view.color),
@@ -387,6 +388,78 @@ impl CameraSegmenter {
                 self.index,
                 &mut self.edgels,
             );
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use orime_geometry::CameraModel;
+    use orime_geometry::nalgebra::Isometry3;
+
+    const SIZE: [usize; 2] = [330, 250];
+
+    /// A white sheet with a flap on it before a dark table, with noise in colour and depth.
+    fn frame(shift: usize) -> (Vec<u8>, Vec<u16>) {
+        let (mut rgb, mut depth) = (Vec::new(), Vec::new());
+        let mut state = 7_u32;
+        for (x, y) in (0..SIZE[1]).flat_map(|y| (0..SIZE[0]).map(move |x| (x, y))) {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            let inside = |left: usize, right: usize| {
+                (left + shift..right + shift).contains(&x) && (90..150).contains(&y)
+            };
+            let (sheet, flap) = (inside(80, 180), inside(120, 150));
+            let level = if sheet { 225 } else { 40 } + (state >> 28) as u8;
+            rgb.extend([level, level, level + 2]);
+            let noise = (state >> 20 & 31) as u16;
+            let plane = 6000 + 2 * x as u16 + noise;
+            let far = if sheet { plane } else { plane + 300 };
+            depth.push(match state >> 10 & 255 {
+                0 => 0,
+                _ if flap => plane - 150,
+                _ => far,
+            });
+        }
+        (rgb, depth)
+    }
+
+    #[test]
+    fn the_width_of_vectors_changes_nothing() {
+        let lens = CameraModel {
+            width: SIZE[0] as u32,
+            height: SIZE[1] as u32,
+            fx_px: 300.0,
+            fy_px: 300.0,
+            cx_px: 164.5,
+            cy_px: 124.5,
+            distortion: [0.02, -0.01, 0.001, 0.001, 0.0],
+        };
+        let camera = RgbdCamera {
+            name: "front".into(),
+            color: lens.clone(),
+            depth: lens,
+            color_from_depth: Isometry3::translation(0.01, 0.0, 0.0),
+            world_from_color: Isometry3::rotation([0.1, 0.2, 0.3].into()),
+            depth_m_per_unit: 1e-4,
+        };
+        let sheet = SheetGrid::new([0.2, 0.12], [9, 7]);
+        let look = |lanes: Width| {
+            let mut segmenter = CameraSegmenter::new(0, &camera, &SegmentParams::default(), &sheet);
+            (segmenter.lanes, segmenter.map.lanes) = (lanes, lanes);
+            (segmenter.steps.lanes, segmenter.voxels.lanes) = (lanes, lanes);
+            let mut seen = Vec::new();
+            for (color_rgb, depth_units) in [0, 4, 9].map(frame) {
+                let (color_rgb, depth_units) = (&color_rgb[..], &depth_units[..]);
+                segmenter.segment(Some(RgbdFrame { color_rgb, depth_units }));
+                seen.push((segmenter.points.clone(), segmenter.edgels.clone()));
+            }
+            seen
+        };
+        let portable = look(Width::Portable);
+        assert!(portable.iter().all(|(points, edgels)| points.len() > 500 && edgels.len() > 20));
+        for lanes in Width::available() {
+            assert!(look(lanes) == portable, "{lanes:?}");
         }
     }
 }

@@ -175,8 +175,8 @@ impl Contour<'_> {
     fn crossing_px(&self, at: [f32; 2], normal: [f32; 2], contrast_min: f32) -> Option<f32> {
         let sample = |t: f32| self.sample([at[0] + t * normal[0], at[1] + t * normal[1]]);
         let plateau = |sign: f32| {
-            let [a, b] = PLATEAU_PX.map(|t| sample(sign * t));
-            [0, 1, 2].map(|k| (a[k] + b[k]) / 2.0)
+            let (a, b) = (sample(sign * PLATEAU_PX[0]), sample(sign * PLATEAU_PX[1]));
+            [(a[0] + b[0]) / 2.0, (a[1] + b[1]) / 2.0, (a[2] + b[2]) / 2.0]
         };
         let (inside, outside) = (plateau(-1.0), plateau(1.0));
         if !self.is_sheet(inside) || self.is_sheet(outside) {
@@ -189,7 +189,11 @@ impl Contour<'_> {
         }
         let sheetness = |t: f32| {
             let color = sample(t);
-            (0..3).map(|k| (color[k] - outside[k]) * across[k]).sum::<f32>() / contrast_squared
+            let mut sum = 0.0;
+            for k in 0..3 {
+                sum += (color[k] - outside[k]) * across[k];
+            }
+            sum / contrast_squared
         };
         // Between two neighbours of the profile, from inside to outside.
         let between = |t: f32, before: f32, here: f32| {
@@ -225,25 +229,21 @@ impl Contour<'_> {
     }
 
     /// Bilinear colour; the position must be a pixel inside the image.
+    #[inline(always)]
     fn sample(&self, [x, y]: [f32; 2]) -> [f32; 3] {
         let (column, row) = (x as usize, y as usize);
         let (fx, fy) = (x - column as f32, y - row as f32);
         let width = self.size[0];
         let at = 3 * (row * width + column);
-        let top = four(&self.color_rgb[at..at + 7]);
-        let bottom = four(&self.color_rgb[at + 3 * width..at + 3 * width + 7]);
-        let mut mixed = [0.0; 4];
-        for k in 0..4 {
-            let a = top[0][k] + fx * (top[1][k] - top[0][k]);
-            let b = bottom[0][k] + fx * (bottom[1][k] - bottom[0][k]);
+        let (top, bottom) = (&self.color_rgb[at..][..6], &self.color_rgb[at + 3 * width..][..6]);
+        let mut mixed = [0.0; 3];
+        for k in 0..3 {
+            let (left, right) = (f32::from(top[k]), f32::from(top[k + 3]));
+            let a = left + fx * (right - left);
+            let (left, right) = (f32::from(bottom[k]), f32::from(bottom[k + 3]));
+            let b = left + fx * (right - left);
             mixed[k] = a + fy * (b - a);
         }
-        [mixed[0], mixed[1], mixed[2]]
+        mixed
     }
-}
-
-/// Two neighbours' colours, and a fourth number that makes them whole vectors.
-fn four(bytes: &[u8]) -> [[f32; 4]; 2] {
-    let at = |k: usize| [bytes[k], bytes[k + 1], bytes[k + 2], bytes[k + 3]].map(f32::from);
-    [at(0), at(3)]
 }

@@ -43,7 +43,7 @@ pub(crate) struct DepthMap {
     world: Rays,
     /// `None` where depth is registered to colour.
     color: Option<ColorLens>,
-    lanes: Width,
+    pub lanes: Width,
 }
 
 /// Viewing rays of all pixels in some frame: a point is `origin_m + z ray`.
@@ -140,8 +140,7 @@ impl ColorLens {
             let v = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y;
             let (u, v) = (fx * u + cx + 0.5, fy * v + cy + 0.5);
             // NaN (no depth) fails every comparison.
-            let inside =
-                (depth > 0.0) & (left <= u) & (u < right) & (top <= v) & (v < bottom);
+            let inside = (depth > 0.0) & (left <= u) & (u < right) & (top <= v) & (v < bottom);
             let (u, v) = if inside { (u, v) } else { (0.0, 0.0) };
             // SAFETY: both are finite and in [0, 2^31), or 0. The checked conversion keeps this
             // loop, a third of this camera's time, from running on whole vectors.
@@ -324,8 +323,10 @@ impl DepthMap {
     pub fn color_pixel(&self, x: usize, y: usize) -> Option<(usize, usize)> {
         let Some(color) = &self.color else { return Some((x, y)) };
         let at = color.pixels[y * self.width + x];
-        let stride = color.stride();
-        (at != NOWHERE).then_some((at as usize % stride, at as usize / stride))
+        // 32 bits: this is done for every pixel of the sheet.
+        let stride = color.stride() as u32;
+        let row = at / stride;
+        (at != NOWHERE).then_some(((at - row * stride) as usize, row as usize))
     }
 
     /// Where a pixel's depth is.

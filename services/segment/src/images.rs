@@ -68,8 +68,16 @@ impl DepthImages {
 
     /// Takes a window's size; what is of the frame before keeps its own.
     pub fn reshape(&mut self, width: usize, height: usize) {
-        let Self { sheet_colored, region, surface, accepted, refused, sheet: _, before: _, scratch } =
-            self;
+        let Self {
+            sheet_colored,
+            region,
+            surface,
+            accepted,
+            refused,
+            sheet: _,
+            before: _,
+            scratch,
+        } = self;
         for image in [sheet_colored, region, surface, accepted, refused, scratch] {
             image.reshape(width, height);
         }

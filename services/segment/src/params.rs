@@ -84,8 +84,7 @@ pub struct SegmentParams {
     pub inner_edgels: bool,
     /// Once the sheet is tracked, only a window round it is looked at; every so many frames the
     /// whole image is, so that parts of the sheet that reappear elsewhere are found. 1 looks at
-    /// the whole image always, which costs about three times as much; more finds them later.
-    /// Default 16.
+    /// the whole image always, which costs about twice as much; more finds them later. Default 16.
     pub whole_image_every: u32,
     /// Which printed markers are looked for: `"none"`, or `"sheet"`, the ArUco grid with corners at
     /// every other node (both sides odd numbers of nodes). Their corners become features.

@@ -47,7 +47,7 @@ pub(crate) struct Steps {
     growth_per_m: f32,
     /// Per metre of depth: by how much depth may change over [`SPAN_PX`].
     slope: [f32; 2],
-    lanes: Width,
+    pub lanes: Width,
 }
 
 impl Steps {

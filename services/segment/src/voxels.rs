@@ -25,7 +25,7 @@ pub(crate) struct Voxels {
     /// Cell of the last run that ended in each column.
     above: Vec<u32>,
     left_out: u32,
-    lanes: Width,
+    pub lanes: Width,
 }
 
 /// Cells of the 64 pixels of a word, and where in their cells they lie, metres; by coordinate.
@@ -225,22 +225,9 @@ fn normal(map: &DepthMap, surface: &BitImage, x: usize, y: usize) -> Option<[f32
     // Bit `n` of row `m` is the pixel `n - 4` beside and `2 m - 4` below.
     let near = [0, 1, 2, 3, 4].map(|m| surface.nine(x - 4, y + 2 * m - 4));
     let z_m = |dx: usize, dy: usize| map.z_m((x + dx) as i32 - 4, (y + dy) as i32 - 4);
-    let slope = |set: &dyn Fn(usize, usize) -> bool, z_m: &dyn Fn(usize, usize) -> f32| {
-        let (mut rise, mut run, mut pairs) = (0.0, 0.0, 0);
-        for side in [2, 4, 6] {
-            for n in REACH_PX {
-                if set(4 - n, side) && set(4 + n, side) {
-                    rise += n as f32 * (z_m(4 + n, side) - z_m(4 - n, side));
-                    run += (2 * n * n) as f32;
-                    pairs += 1;
-                }
-            }
-        }
-        (pairs >= 2).then(|| rise / run)
-    };
     let set = |dx: usize, dy: usize| near[dy / 2] >> dx & 1 == 1;
-    let z_u = slope(&|along, side| set(along, side), &|along, side| z_m(along, side))?;
-    let z_v = slope(&|along, side| set(side, along), &|along, side| z_m(side, along))?;
+    let z_u = slope(|along, side| set(along, side), |along, side| z_m(along, side))?;
+    let z_v = slope(|along, side| set(side, along), |along, side| z_m(side, along))?;
     let z = map.z_m(x as i32, y as i32);
     let ray = map.world_ray(x, y);
     let half = |a, b| difference(a, b).map(|d| d / 2.0);
@@ -252,6 +239,23 @@ fn normal(map: &DepthMap, surface: &BitImage, x: usize, y: usize) -> Option<[f32
     let length = dot(n, n).sqrt();
     let sign = if dot(n, ray) <= 0.0 { 1.0 } else { -1.0 };
     (length > 0.0).then(|| n.map(|x| sign * x / length))
+}
+
+/// Slope of depth along one direction, metres a pixel, from pixels `(along, side)` of a window of
+/// nine by nine: whether they are the surface's, and their depths.
+#[inline(always)]
+fn slope(set: impl Fn(usize, usize) -> bool, z_m: impl Fn(usize, usize) -> f32) -> Option<f32> {
+    let (mut rise, mut run, mut pairs) = (0.0, 0.0, 0);
+    for side in [2, 4, 6] {
+        for n in REACH_PX {
+            if set(4 - n, side) && set(4 + n, side) {
+                rise += n as f32 * (z_m(4 + n, side) - z_m(4 - n, side));
+                run += (2 * n * n) as f32;
+                pairs += 1;
+            }
+        }
+    }
+    (pairs >= 2).then(|| rise / run)
 }
 
 /// The largest integer not above `x`; without a call into the mathematics library.

@@ -44,7 +44,7 @@ pub struct RegisterParams {
     /// overfit more. Default 0.2 (30 mm on 0.15 m).
     pub kernel_width: f64,
     /// Expected error τ of the prediction, fraction of the sheet (λ = 1/τ²): small values trust
-    /// the prediction, large ones the cloud. Default 0.02 (5 mm on 0.15 m).
+    /// the prediction, large ones the cloud. Default 0.0115 (1.7 mm on 0.15 m).
     pub prediction_error: f64,
     /// Weight of the cloud against the prediction, 0 to 1: neighbouring depth pixels err
     /// together, so N points are worth less than N. Default 0.2.
@@ -102,7 +102,7 @@ impl Default for RegisterParams {
             iterations_max: 8,
             move_tolerance: 0.0003,
             kernel_width: 0.2,
-            prediction_error: 0.02,
+            prediction_error: 0.0115,
             temper: 0.2,
             sigma_start: [0.027, 0.04],
             sigma_floor: 0.0067,

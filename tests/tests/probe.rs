@@ -53,8 +53,14 @@ fn files_and_page_tell_a_frames_way_through_all_processes() {
         let (name, value) = line.rsplit_once(' ').unwrap();
         assert!(name.starts_with("orime_") && value.parse::<f64>().is_ok(), "{line}");
     }
+    let sleeps = metrics.lines().find(|line| {
+        line.starts_with("orime_effect_asleep{") && line.contains("effect=\"grippers\"")
+    });
+    // The scene names grippers by default, and nobody tells any.
+    assert!(sleeps.is_some_and(|line| line.ends_with(" 1")), "{sleeps:?}");
     read_by_client(&scratch, &metrics);
 
+    read_by_perfetto(&trace);
     let trace: Value = serde_json::from_str(&fs::read_to_string(trace).unwrap()).unwrap();
     let events = trace["traceEvents"].as_array().unwrap();
     let flow = |phase: &str| -> Vec<u64> {
@@ -90,6 +96,19 @@ fn read_by_client(scratch: &Scratch, metrics: &str) {
             assert_eq!(samples, lines, "every line is a sample");
         }
         None => eprintln!("SKIPPED reading the page by prometheus-client: not in .venv"),
+    }
+}
+
+/// Has Perfetto's trace processor read the trace, where PyPI's perfetto can fetch it.
+fn read_by_perfetto(trace: &str) {
+    let python = root().join(".venv/bin/python");
+    let script = root().join("tests/perfetto_trace.py");
+    let output = Command::new(python).arg(script).arg(trace).output();
+    match output.ok().filter(|output| output.status.code() != Some(77)) {
+        Some(output) => {
+            assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        }
+        None => eprintln!("SKIPPED reading the trace by Perfetto's trace processor: not here"),
     }
 }
 

@@ -42,6 +42,62 @@ fn run_json(set: &RunningSet) -> Value {
 }
 
 #[test]
+fn another_source_takes_the_place_of_the_first_while_the_other_stages_run_on() {
+    let scratch = Scratch::new("source");
+    let own = set(&scratch, "realtime");
+    let other = |name: &str, from: &str, to: &str| {
+        let text = fs::read_to_string(&own).unwrap();
+        assert!(text.contains(from));
+        let path = scratch.path(name);
+        fs::write(&path, text.replace(from, to)).unwrap();
+        path
+    };
+    // Smaller images of another sheet that waves: nothing of the first source fits it.
+    let wave = "[capture.rendered]\nsequence = \"wave\"\nsheet_rgb = [60, 110, 220]\nseed = 7\n\
+                size_px = [240, 180]";
+    let wave = other("wave.toml", "[capture.rendered]\nsize_px = [320, 240]", wave);
+    let five = other("five.toml", "size_px", "viewpoints = \"five\"\nsize_px");
+    let wide = other("wide.toml", "[capture]", "[sheet]\nnodes = [13, 13]\n[capture]");
+    let mut set = RunningSet::start("source-set", Some(&own));
+    let before = set.wait_until(has_all_stages);
+    set.wait_for_states();
+    let refused = |arguments: &[&str], why: &str| {
+        let output = set.beside("orime", &[&["restart"], arguments].concat());
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.code() == Some(2) && said.contains(why), "{said}");
+    };
+    refused(&["capture", "--source", &five], "`capture` is 5 cameras");
+    refused(&["capture", "--source", &wide], "`sheet` is");
+    refused(&["register", "--source", &wave], "`register` has no source");
+    refused(&["capture", "--source", "absent.toml"], "absent.toml");
+    let output = set.beside("orime", &["restart", "capture", "--source", &wave]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    wait_for("states of the other source", || events(&set, "recovered", "capture") == 1);
+    let probe = set.beside("orime-probe", &["--once", "--json", "--seconds", "4"]);
+    let seen: Value = serde_json::from_slice(&probe.stdout).unwrap();
+    // Two bytes of depth and three of colour for each pixel.
+    assert_eq!(seen["frame_bytes"], 240 * 180 * 5, "{seen}");
+    assert!(seen["steps"].as_u64() > Some(5), "{seen}");
+    let after = set.wait_until(has_all_stages);
+    for stage in ["segment", "register", "simulate", "judge"] {
+        assert_eq!(pid(&after, stage), pid(&before, stage), "{stage} runs on");
+    }
+    assert_ne!(pid(&after, "capture"), pid(&before, "capture"));
+    // One that dies goes on with the source that it has now, where it was.
+    signal(pid(&after, "capture"), Signal::KILL);
+    wait_for("capture comes back", || events(&set, "recovered", "capture") == 2);
+    let probe = set.beside("orime-probe", &["--once", "--json", "--seconds", "2"]);
+    let seen: Value = serde_json::from_slice(&probe.stdout).unwrap();
+    assert_eq!(seen["frame_bytes"], 240 * 180 * 5, "{seen}");
+    signal(set.pid().into(), Signal::TERM);
+    let ended = set.wait();
+    assert_eq!(ended.code, 0, "{}{}", ended.stdout, ended.stderr);
+    let run = run_json(&set);
+    let steps = run["judge"]["per_step"].as_array().unwrap();
+    assert_eq!(steps.last().unwrap()["tracking"], "tracking", "the other sheet is found");
+}
+
+#[test]
 fn orime_restart_hands_over_without_loss_of_the_sheet_or_of_the_budget() {
     let scratch = Scratch::new("handover");
     let no_budget = ["--restarts", "0", "--log-json"];

@@ -24,6 +24,8 @@ pub struct Capture {
     period_ns: u64,
     /// The first frame set to publish: a restarted capture goes on with the one that is missing.
     first_step: u64,
+    /// The step that is the source's first: not 0 where it took the place of another source.
+    source_began: u64,
     frames: FramePublisher,
     truths: Publisher<Truth>,
     /// Absent where the source tells no grippers: the channel is a robot's then.
@@ -55,6 +57,7 @@ impl Capture {
             recorder: service.recorder()?,
             period_ns: config.period_s.map_or(0, |period_s| (period_s * 1e9) as u64),
             first_step: service.resume().map_or(0, |resume| resume.next_set),
+            source_began: service.resume().map_or(0, |resume| resume.source_began),
             header: service.header(),
             drops: Drops::default(),
             losses: Losses::default(),
@@ -73,7 +76,7 @@ impl Capture {
         let begin_ns = now_ns().saturating_sub(step * self.period_ns);
         while !self.stop.requested() {
             self.wait_until(begin_ns + step * self.period_ns);
-            match self.source.advance(step) {
+            match self.source.advance(self.of_source(step)) {
                 Advance::Waiting => continue,
                 Advance::Ended => break,
                 Advance::Ready => {}
@@ -99,6 +102,11 @@ impl Capture {
         Ok(())
     }
 
+    /// The source's own number of a step.
+    fn of_source(&self, step: u64) -> u64 {
+        step.saturating_sub(self.source_began)
+    }
+
     /// Takes what the source lost into the counts, and says when a camera went or came.
     fn count_losses(&mut self) {
         let losses = self.source.losses();
@@ -122,7 +130,7 @@ impl Capture {
     /// consumers did not take it for long after that.
     fn publish_set(&mut self, step: u64) -> anyhow::Result<bool> {
         let n_cameras = self.source.cameras().len();
-        let exposure_ns = self.source.exposure_ns(step, 0);
+        let exposure_ns = self.source.exposure_ns(self.of_source(step), 0);
         // First, so that whoever has something that was made of the frames has the grippers too.
         if !self.publish_grippers(&Header { step, exposure_ns, ..self.header })? {
             return Ok(false);
@@ -133,10 +141,10 @@ impl Capture {
             }
         }
         let lineage = Header { step, exposure_ns, arrival_ns: now_ns(), ..self.header };
-        let (source, sheet) = (&self.source, &self.sheet);
+        let (source, sheet, own) = (&self.source, &self.sheet, self.of_source(step));
         let sent = self.truths.send_with(&lineage, |truth| {
             let nodes_m = &mut truth.positions_m[..sheet.len()];
-            let known = source.truth_m(step, sheet, nodes_m);
+            let known = source.truth_m(own, sheet, nodes_m);
             truth.n_nodes = if known { sheet.len() as u32 } else { 0 };
         })?;
         Ok(sent.is_some())
@@ -144,9 +152,10 @@ impl Capture {
 
     /// Publishes which grippers hold the sheet; one message a step, also while none does.
     fn publish_grippers(&mut self, lineage: &Header) -> anyhow::Result<bool> {
+        let own = self.of_source(lineage.step);
         let Some(publisher) = &mut self.grippers else { return Ok(true) };
         let lineage = &Header { arrival_ns: now_ns(), ..*lineage };
-        self.source.grippers(lineage.step, &mut self.held);
+        self.source.grippers(own, &mut self.held);
         let held = &self.held;
         let sent = publisher.send_with(lineage, |message| {
             message.n_grippers = held.len().min(GRIPPERS_MAX) as u32;
@@ -163,7 +172,8 @@ impl Capture {
     }
 
     fn publish_frame(&mut self, step: u64, index: usize, n_cameras: usize) -> anyhow::Result<bool> {
-        let exposure_ns = self.source.exposure_ns(step, index);
+        let own = self.of_source(step);
+        let exposure_ns = self.source.exposure_ns(own, index);
         let lineage = Header { step, exposure_ns, ..self.header };
         // The calibration is copied out, for the source cannot be read and looked at at once.
         let camera = self.source.cameras()[index].clone();
@@ -171,7 +181,7 @@ impl Capture {
         let source = &mut self.source;
         let read = |frame: RgbdFrameMut<'_>| {
             start_ns = now_ns();
-            let result = source.read(step, index, frame);
+            let result = source.read(own, index, frame);
             written(result, &mut unreadable)
         };
         let Some(sent) = self.frames.send_with(&lineage, (index, &camera), n_cameras, read)? else {

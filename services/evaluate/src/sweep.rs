@@ -75,9 +75,10 @@ impl RunFigures {
 /// One finished run, as it stands in the ledger.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Row {
-    /// Hash over the program, the set with this point's keys and seed, the number of steps and the
-    /// clock: a run with the same key would give the same row again.
+    /// Hash over the set with this point's keys and seed, the number of steps and the clock.
     pub key: String,
+    /// Hash over the program: with the same key and program a run would give the same row again.
+    pub program: String,
     /// What was varied.
     pub knob: String,
     /// … to what.
@@ -246,6 +247,8 @@ pub struct Cost {
     pub step_ms: f64,
     /// True vertex error there, mean, smallest and largest of the seeds.
     pub vertex_error_mm: Spread,
+    /// Share of its steps in which the sheet was not followed, percent.
+    pub lost_percent: f64,
     /// Milliseconds per millimetre won since the setting before; `None` at the first.
     pub ms_per_mm: Option<f64>,
 }
@@ -262,6 +265,7 @@ pub fn costs(settings: &[Setting]) -> Vec<Cost> {
         setting: setting.name(),
         step_ms: setting.step_ms.min,
         vertex_error_mm: setting.vertex_error_mm,
+        lost_percent: 100.0 * setting.lost_steps as f64 / setting.steps.max(1) as f64,
         ms_per_mm: price(k),
     };
     on_front.iter().enumerate().map(cost).collect()
@@ -280,7 +284,7 @@ mod tests {
             ..RunFigures::default()
         };
         let key = format!("{knob}{value}{seed}");
-        Row { key, knob: knob.into(), value: value.into(), seed, figures }
+        Row { key, program: String::new(), knob: knob.into(), value: value.into(), seed, figures }
     }
 
     #[test]

@@ -4,10 +4,18 @@ use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
-use orime_messages::{RecordKind, Stage, StageRecord};
+use orime_messages::{EFFECTS, RecordKind, Stage, StageRecord};
 
 const HEAD: &str = "publish_ns,stage,kind,step,camera,incarnation,transport_us,queue_us,compute_us,\
-                    end_to_end_us,bytes,status,frame_copies,queue_depth,loan_waits,drops_total";
+                    end_to_end_us,bytes,status,frame_copies,queue_depth,loan_waits,drops_total,\
+                    effects_asleep";
+
+/// The effects that slept, with spaces between.
+fn asleep(record: &StageRecord) -> String {
+    let of =
+        |(k, name): (usize, &'static str)| (record.effects_asleep >> k & 1 == 1).then_some(name);
+    EFFECTS.into_iter().enumerate().filter_map(of).collect::<Vec<_>>().join(" ")
+}
 
 /// A file of comma-separated values.
 #[derive(Debug)]
@@ -47,7 +55,7 @@ impl Csv {
         let arrival_ns = if is_state { header.arrival_ns } else { 0 };
         writeln!(
             self.out,
-            "{},{},{kind},{},{camera},{:x},{},{},{},{},{},{},{},{},{},{}",
+            "{},{},{kind},{},{camera},{:x},{},{},{},{},{},{},{},{},{},{},{}",
             header.publish_ns,
             stage.name(),
             header.step,
@@ -62,6 +70,7 @@ impl Csv {
             record.queue_depth,
             record.loan_waits,
             record.drops.total(),
+            asleep(record),
         )
     }
 

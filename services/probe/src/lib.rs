@@ -6,6 +6,6 @@ mod spread;
 mod stage;
 
 pub use figures::{Figures, Hop};
-pub use report::{HopReport, Hops, Report, StageReport};
+pub use report::{EffectReport, HopReport, Hops, Report, StageReport};
 pub use spread::{Percentiles, Spread};
 pub use stage::StageFigures;

@@ -140,6 +140,16 @@ fn page(run: &str, report: &Report) -> String {
             out.value("orime_drops_total", &labels, *count as f64);
         }
     }
+    out.head("orime_effect_asleep", "gauge", "Whether an effect slept in the newest step.");
+    for (name, effect) in &report.effects {
+        let value = f64::from(u8::from(effect.asleep));
+        out.value("orime_effect_asleep", &format!("effect=\"{name}\""), value);
+    }
+    out.head("orime_effect_asleep_states_total", "counter", "Steps in which an effect slept.");
+    for (name, effect) in &report.effects {
+        let labels = format!("effect=\"{name}\"");
+        out.value("orime_effect_asleep_states_total", &labels, effect.asleep_steps as f64);
+    }
     let hops = [
         ("capture_to_segment", &report.hops.capture_to_segment),
         ("segment_to_register", &report.hops.segment_to_register),

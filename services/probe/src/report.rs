@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use orime_messages::Stage;
+use orime_messages::{EFFECTS, Stage};
 use serde::Serialize;
 
 use crate::figures::Figures;
@@ -57,6 +57,15 @@ pub struct StageReport {
     pub drops: BTreeMap<String, u64>,
 }
 
+/// One effect that the scene names, as it is printed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct EffectReport {
+    /// Whether it slept in the newest step.
+    pub asleep: bool,
+    /// Steps in which it slept.
+    pub asleep_steps: u64,
+}
+
 /// Figures as they are printed.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Report {
@@ -94,6 +103,8 @@ pub struct Report {
     pub frame_copies: u64,
     /// Per stage.
     pub stages: BTreeMap<String, StageReport>,
+    /// What the scene lets act on the sheet, by name, and whether it sleeps.
+    pub effects: BTreeMap<String, EffectReport>,
     /// Processes that took the place of another one.
     pub restarts: u64,
     /// Losses since the run began, by stage and cause.
@@ -138,10 +149,22 @@ impl Figures {
             frame_bytes: self.frame_bytes,
             frame_copies: self.frame_copies,
             stages: Stage::PIPELINE.iter().map(stage).collect(),
+            effects: self.effects(),
             restarts: self.stages.iter().map(|stage| stage.restarts).sum(),
             drops: self.drops(),
             drops_total: self.drops_total(),
         }
+    }
+
+    fn effects(&self) -> BTreeMap<String, EffectReport> {
+        let simulate = &self.stages[Stage::Simulate as usize];
+        let named = EFFECTS.iter().enumerate().filter(|(k, _)| simulate.effects >> k & 1 == 1);
+        let report = |(k, name): (usize, &&str)| {
+            let asleep = simulate.effects_asleep >> k & 1 == 1;
+            let asleep_steps = simulate.asleep_results[k];
+            ((*name).to_owned(), EffectReport { asleep, asleep_steps })
+        };
+        named.map(report).collect()
     }
 
     fn stage_report(&self, stage: Stage, now_ns: u64) -> StageReport {
@@ -198,6 +221,8 @@ mod tests {
             loan_waits: 1,
             queue_depth: 0,
             queue_high: 2,
+            effects: 0,
+            effects_asleep: 0,
         }
     }
 
@@ -242,6 +267,23 @@ mod tests {
         let report = figures.report(10);
         assert_eq!(report.drops["register"]["restart"], 5);
         assert_eq!((report.restarts, report.stages["register"].loan_waits), (1, 2));
+    }
+
+    #[test]
+    fn effects_that_the_scene_names_are_told_with_how_often_they_slept() {
+        let mut figures = Figures::new();
+        for (step, asleep) in [0b1000_0000_0000, 0b1001_0000_0000, 0b1_0000_0000].iter().enumerate()
+        {
+            let times_ns = [1, 2, 3, 4, 5 + step as u64];
+            let mut record = record(Stage::Simulate, RecordKind::Published, step as u64, times_ns);
+            (record.effects, record.effects_asleep) = (0b1001_0000_0001, *asleep);
+            figures.add(&record);
+        }
+        let report = figures.report(10).effects;
+        let told: Vec<(&str, bool, u64)> =
+            report.iter().map(|(name, e)| (name.as_str(), e.asleep, e.asleep_steps)).collect();
+        let expected = [("facets", true, 2), ("self_contact", false, 2), ("stretch", false, 0)];
+        assert_eq!(told, expected);
     }
 
     #[test]

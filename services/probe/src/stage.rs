@@ -1,6 +1,6 @@
 //! What is known of one stage, over all the processes that it has had.
 
-use orime_messages::{Drops, StageRecord};
+use orime_messages::{Drops, EFFECTS, StageRecord};
 
 use crate::spread::Spread;
 
@@ -35,6 +35,12 @@ pub struct StageFigures {
     pub queue_depth: u32,
     /// The most of these.
     pub queue_high: u32,
+    /// What its newest result says that acts on the sheet; a bit each.
+    pub effects: u32,
+    /// … and what of it slept.
+    pub effects_asleep: u32,
+    /// Results in which each slept.
+    pub asleep_results: [u64; EFFECTS.len()],
     /// Losses of its newest process.
     drops: Drops,
     /// Losses of those before.
@@ -76,6 +82,10 @@ impl StageFigures {
         }
         self.messages += 1;
         self.bytes += record.bytes;
+        (self.effects, self.effects_asleep) = (record.effects, record.effects_asleep);
+        for (k, results) in self.asleep_results.iter_mut().enumerate() {
+            *results += u64::from(record.effects_asleep >> k & 1);
+        }
         (self.step, self.camera, self.status) = (Some(step), record.camera, record.status);
         is_first
     }

@@ -43,12 +43,27 @@ pub fn report(entry: &RunEntry, report: &Report) -> String {
         "\nframes {} of {} bytes at most, {} copied  drops {}",
         report.frames, report.frame_bytes, report.frame_copies, report.drops_total
     );
+    let _ = writeln!(text, "{}", effects(report));
     for (stage, causes) in &report.drops {
         for (cause, count) in causes {
             let _ = writeln!(text, "  {stage}: {cause} {count}");
         }
     }
     text
+}
+
+/// Which effects sleep, and of how many steps.
+fn effects(report: &Report) -> String {
+    let slept = report.effects.iter().filter(|(_, effect)| effect.asleep_steps > 0);
+    let word = |(name, effect): (&String, &orime_probe::EffectReport)| {
+        let now = if effect.asleep { "asleep" } else { "awake" };
+        format!("{name} {now} ({} of {} steps)", effect.asleep_steps, report.steps)
+    };
+    let words: Vec<String> = slept.map(word).collect();
+    if words.is_empty() {
+        return format!("effects {}, none slept", report.effects.len());
+    }
+    format!("effects {}  {}", report.effects.len(), words.join(", "))
 }
 
 fn stages(text: &mut String, report: &Report) {

@@ -1,7 +1,7 @@
 //! segment as a process: gathers frame sets and publishes their clouds.
 
 use orime_geometry::{RgbdCamera, RgbdFrame, SheetGrid, SheetParams};
-use orime_messages::{Drops, Header, ObservedCloud};
+use orime_messages::{CameraMeta, Drops, Header, ObservedCloud};
 use orime_runtime::{
     FrameSubscription, Pace, Publisher, ReceivedFrame, Recorder, Service, Work, channel, now_ns,
 };
@@ -52,12 +52,17 @@ impl Segment {
 
     /// Segments frame sets until their stream ends.
     pub fn run(mut self) -> anyhow::Result<()> {
-        let mut segmenter = None;
+        let mut known: Option<(Vec<CameraMeta>, Segmenter)> = None;
         while let Some(set) = self.next_set()? {
-            let segmenter = segmenter.get_or_insert_with(|| {
-                let cameras: Vec<RgbdCamera> =
-                    set.iter().map(|frame| (&frame.meta().calibration).into()).collect();
-                Segmenter::new(&self.config, &cameras, &self.sheet)
+            let calibrations = || set.iter().map(|frame| &frame.meta().calibration);
+            // Another source may have taken the first one's place: other cameras, all is new.
+            if known.as_ref().is_some_and(|(before, _)| !before.iter().eq(calibrations())) {
+                known = None;
+            }
+            let (_, segmenter) = known.get_or_insert_with(|| {
+                let cameras: Vec<RgbdCamera> = calibrations().map(Into::into).collect();
+                let segmenter = Segmenter::new(&self.config, &cameras, &self.sheet);
+                (calibrations().copied().collect(), segmenter)
             });
             if !self.publish_cloud(segmenter, &set)? {
                 break;

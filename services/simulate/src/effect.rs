@@ -83,6 +83,11 @@ impl Effects {
         self.0 >> effect as u16 & 1 == 1
     }
 
+    /// A bit per effect, by its number.
+    pub fn bits(self) -> u32 {
+        u32::from(self.0)
+    }
+
     /// The effects in it, in the order of the passes.
     pub fn iter(self) -> impl Iterator<Item = Effect> {
         Effect::ALL.into_iter().filter(move |effect| self.contains(*effect))

@@ -6,7 +6,7 @@
 //!                                              prediction ◄────────────┘
 //! ```
 
-use crate::effect::Effect;
+use crate::effect::{Effect, Effects};
 use crate::grips::Grip;
 use crate::params::SimulateConfig;
 use crate::simulator::{SimulateReport, Simulator};
@@ -26,6 +26,8 @@ pub struct ModelReport {
     pub simulate: SimulateReport,
     /// What contact did to the state.
     pub contact: ContactReport,
+    /// Effects that the scene names and that proved idle in this step, contact among them.
+    pub slept: Effects,
     /// Whether the facets changed.
     pub refolded: bool,
 }
@@ -89,6 +91,10 @@ impl SheetModel {
         report.simulate = self.simulator.step(dt_s, targets_m, confidence, reset);
         self.positions_m.copy_from_slice(self.simulator.positions_m());
         let folds = self.simulator.folds();
+        report.slept = report.simulate.slept;
+        if self.contact.is_some() && folds.facets().len() < 2 {
+            report.slept.insert(Effect::SelfContact);
+        }
         let mut contact = self.contact.as_mut().filter(|_| folds.facets().len() > 1);
         if let Some(contact) = &mut contact {
             report.contact = contact.project(&mut self.positions_m, folds);

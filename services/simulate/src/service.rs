@@ -9,7 +9,9 @@ use orime_runtime::{
     Aside, Pace, Publisher, Received, Recorder, Resume, Service, Subscription, Work, channel,
     now_ns,
 };
-use orime_simulate::{Effect, Grip, GripLog, SheetModel, SimulateParams, Simulator, frame_s};
+use orime_simulate::{
+    Effect, Effects, Grip, GripLog, SheetModel, SimulateParams, Simulator, frame_s,
+};
 
 /// Number of a sheet that is followed, as register says it.
 const TRACKING: u32 = 1;
@@ -21,6 +23,8 @@ pub struct Simulate {
     model: SheetModel,
     sheet: SheetGrid,
     pace: Pace,
+    /// What the scene names.
+    effects: Effects,
     targets: Subscription<Targets>,
     /// Only where the scene names them.
     grippers: Option<(Aside<Grippers>, GripLog)>,
@@ -53,6 +57,7 @@ impl Simulate {
         let simulate = Self {
             model,
             pace: service.set().pace,
+            effects: simulate.effects.iter().copied().collect(),
             targets: service.subscribe(&channel::TARGETS)?,
             grippers: grippers.map(|grippers| (grippers, GripLog::new(&config))),
             states: service.publish(&channel::STATE)?,
@@ -151,6 +156,7 @@ impl Simulate {
             take_ns: targets.take_ns,
             status: targets.figures.tracking,
             bytes: (sheet.len() * 24 + size_of::<FoldsMeta>()) as u64,
+            effects: self.effects.bits(),
             ..Work::default()
         };
         let sent = self.states.send_with(&targets.header, |state| {
@@ -161,6 +167,7 @@ impl Simulate {
                 let (targets_m, confidence) = (targets.targets_m(), targets.confidence());
                 let report = model.step(dt_s, targets_m, confidence, reset);
                 state.targets_rejected = report.simulate.targets_rejected;
+                work.effects_asleep = report.slept.bits();
             }
             state.figures = targets.figures;
             state.n_nodes = sheet.len() as u32;
@@ -203,4 +210,19 @@ fn choose_backend(simulator: &mut Simulator) -> anyhow::Result<()> {
         "`simulate.backend` is \"gpu\", but this program was built without the feature `gpu`"
     );
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_records_bits_are_the_effects_numbers() {
+        for effect in Effect::ALL {
+            let bits = Effects::from_iter([effect]).bits();
+            assert_eq!(bits.count_ones(), 1);
+            assert_eq!(orime_messages::EFFECTS[bits.trailing_zeros() as usize], effect.name());
+        }
+        assert_eq!(orime_messages::EFFECTS.len(), Effect::ALL.len());
+    }
 }

@@ -18,6 +18,7 @@ Examples:
   orime ps --json                     what runs
   orime down 1a2b3c4d                 stop that run
   orime restart register              hand a stage over to a new process
+  orime restart capture --source live.toml   … which takes another set's cameras
   orime logs register --follow        what a stage logs
   orime doctor                        what could keep sets from running, and what dead ones left
   orime clean                         remove what dead runs left
@@ -56,6 +57,11 @@ pub enum Command {
         stage: String,
         /// The run, as `orime ps` shows it; the only one if left out.
         run: Option<String>,
+        /// Only with `capture`: the new process takes the `[capture]` of this set file instead,
+        /// for example live cameras after a recording. It needs the same pace, sheet and number of
+        /// cameras; the other stages run on.
+        #[arg(long, value_name = "SET")]
+        source: Option<PathBuf>,
     },
     /// Show what the stages of a running set log.
     Logs(Logs),

@@ -13,7 +13,9 @@ pub fn run(cli: &Cli) -> ExitCode {
         Command::Up(args) => up::up(args, json),
         Command::Ps => runs::ps(json),
         Command::Down { run } => runs::down(run.as_deref(), json),
-        Command::Restart { stage, run } => control::restart(stage, run.as_deref(), json),
+        Command::Restart { stage, run, source } => {
+            control::restart(stage, run.as_deref(), source.as_deref(), json)
+        }
         Command::Logs(args) => logs::logs(args),
         Command::Doctor => doctor::doctor(json),
         Command::Clean { dry_run } => doctor::clean(*dry_run, json),

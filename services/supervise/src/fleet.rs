@@ -1,6 +1,7 @@
 //! The processes of a set: started in order, restarted one by one, ended together.
 
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
@@ -33,6 +34,8 @@ pub struct Fleet<'a> {
     budget: Budget,
     said_by: Option<Sender<Said>>,
     said: Receiver<Said>,
+    /// The set file whose source capture's successor takes.
+    source: Option<PathBuf>,
 }
 
 impl<'a> Fleet<'a> {
@@ -47,6 +50,7 @@ impl<'a> Fleet<'a> {
             budget,
             said_by: Some(said_by),
             said,
+            source: None,
         }
     }
 
@@ -130,7 +134,17 @@ impl<'a> Fleet<'a> {
     /// Starts the successor of a stage, once the members of the run that died were cleared.
     pub fn restart(&mut self, stage: Stage, resume: Resume, guest: &Guest) -> Result<(), Failure> {
         guest.clear_dead_members();
+        if stage == Stage::Capture
+            && let Some(set) = self.source.take()
+        {
+            self.launch.source = Some((set, resume.next_set));
+        }
         self.start(stage, Some(resume))
+    }
+
+    /// Has capture's successor take the source of this set file; no change where there is none.
+    pub fn change_source(&mut self, set: Option<PathBuf>) {
+        self.source = set.or(self.source.take());
     }
 
     /// Signals a stage's process.

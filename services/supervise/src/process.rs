@@ -66,6 +66,8 @@ pub struct Launch<'a> {
     pub record_stages: bool,
     /// Whether stages log JSON.
     pub log_json: bool,
+    /// The set file whose source has taken the set's own one's place, and since which step.
+    pub source: Option<(PathBuf, u64)>,
 }
 
 impl Launch<'_> {
@@ -78,13 +80,17 @@ impl Launch<'_> {
         said: &Sender<Said>,
     ) -> Result<Process, Failure> {
         let program = program(stage)?;
+        let other = self.source.as_ref().filter(|_| stage == Stage::Capture);
+        let set = other.map_or(self.set, |(set, _)| set.as_path());
+        let began = |resume| Resume { source_began: other.map_or(0, |(_, step)| *step), ..resume };
+        let resume = resume.map(began);
         let log = self.out.join("logs").join(format!("{}.log", stage.name()));
         let log_file = open_log(&log, resume.is_some())?;
         let mut command = Command::new(&program);
         if stage == Stage::Judge {
-            command.arg("watch").arg(self.set).arg("--out").arg(self.out);
+            command.arg("watch").arg(set).arg("--out").arg(self.out);
         } else {
-            command.arg(self.set);
+            command.arg(set);
         }
         if let (Stage::Record, Some(file)) = (stage, self.record) {
             command.arg("--file").arg(file);

@@ -147,6 +147,7 @@ impl Progress {
         };
         Resume {
             next_set,
+            source_began: 0,
             published: figures(stage).and_then(|figures| figures.step),
             asked: before.and_then(|before| before.step),
             input_ended: before.is_some_and(|before| before.ended),

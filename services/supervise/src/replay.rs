@@ -138,6 +138,7 @@ impl Player<'_> {
             record: None,
             record_stages: false,
             log_json: false,
+            source: None,
         };
         let (said_by, said) = lines();
         let mut process = launch.start(stage, None, &said_by)?;

@@ -12,7 +12,7 @@ use signal_hook::consts::SIGBUS;
 use crate::asked::Asked;
 use crate::check::CheckedSet;
 use crate::clocks::{ClockEvent, Clocks, Reading};
-use crate::control;
+use crate::control::{self, Wish};
 use crate::events::{Events, Kind};
 use crate::exit::Failure;
 use crate::fleet::Fleet;
@@ -108,8 +108,8 @@ impl Watch {
         let record = self.recording.as_ref().map(|recording| recording.file.clone());
         let (cameras, record) = (set.cameras.len(), record.as_deref());
         let (log_json, record_stages) = (self.log_json, self.record_stages);
-        let launch =
-            Launch { run, set: &set.file.path, out, cameras, record, record_stages, log_json };
+        let (set, source) = (&set.file.path, None);
+        let launch = Launch { run, set, out, cameras, record, record_stages, log_json, source };
         let mut fleet = Fleet::new(launch, self.deadlines.budget);
         let listeners = [judge.then_some(Stage::Judge), record.map(|_| Stage::Record)];
         let consumers = [Stage::Simulate, Stage::Register, Stage::Segment];
@@ -191,8 +191,8 @@ impl Watch {
                 }
                 fleet.signal(Stage::Capture, Signal::TERM);
             }
-            for stage in control::take_wishes(&self.entry.run) {
-                self.hand_over(fleet, stage);
+            for wish in control::take_wishes(&self.entry.run) {
+                self.hand_over(fleet, wish);
             }
             if let Some(ending) = self.look(fleet) {
                 return Ok(ending);
@@ -208,12 +208,15 @@ impl Watch {
     }
 
     /// Has a stage end, so that another process takes its place.
-    fn hand_over(&mut self, fleet: &mut Fleet<'_>, stage: Stage) {
+    fn hand_over(&mut self, fleet: &mut Fleet<'_>, Wish { stage, source }: Wish) {
         let Some(process) = fleet.process(stage).filter(|process| process.is_ready) else { return };
         process.ended_because = Some(ASKED);
         process.signal(Signal::HUP);
         process.signal(Signal::CONT);
-        self.note(Kind::Asked, Some(stage), "is restarted as asked".to_owned());
+        let other = source.as_ref().map(|set| format!(", with the source of `{}`", set.display()));
+        let text = format!("is restarted as asked{}", other.unwrap_or_default());
+        fleet.change_source(source);
+        self.note(Kind::Asked, Some(stage), text);
     }
 
     /// How the processes stand: an ending if all have ended or one cannot be replaced.

@@ -22,7 +22,7 @@ pub use frame::{
 };
 pub use gripper::{GRIPPERS_MAX, GripperMeta, Grippers};
 pub use header::{ClockDomain, FLAG_END, Header, Stage};
-pub use record::{Drops, RecordKind, StageRecord, WHOLE_SET};
+pub use record::{Drops, EFFECTS, RecordKind, StageRecord, WHOLE_SET};
 pub use sheet::{RegisterFigures, SheetState, Targets, Truth};
 
 const LAYOUTS: u64 = {

@@ -73,6 +73,22 @@ pub enum RecordKind {
     Ended = 2,
 }
 
+/// What may act on a sheet, by its bit in [`StageRecord::effects`]; simulate's own numbers.
+pub const EFFECTS: [&str; 12] = [
+    "stretch",
+    "shear",
+    "bend",
+    "crease",
+    "damping",
+    "gravity",
+    "air_drag",
+    "table",
+    "facets",
+    "grippers",
+    "track",
+    "self_contact",
+];
+
 /// [`StageRecord::camera`] where a record is about the whole set.
 pub const WHOLE_SET: u32 = u32::MAX;
 
@@ -110,6 +126,10 @@ message! {
         pub queue_depth: u32,
         /// The most of these that there ever were.
         pub queue_high: u32,
+        /// Simulate: what the scene names, a bit per entry of [`EFFECTS`]; others 0.
+        pub effects: u32,
+        /// … and which of these proved idle in this step: nothing was paid for them.
+        pub effects_asleep: u32,
     }
 }
 
@@ -125,4 +145,4 @@ impl StageRecord {
     }
 }
 
-const _: () = assert!(size_of::<StageRecord>() == 72 + 8 + 32 + 8 + 8 + 48 + 16);
+const _: () = assert!(size_of::<StageRecord>() == 72 + 8 + 32 + 8 + 8 + 48 + 16 + 8);

@@ -25,6 +25,10 @@ pub struct Work {
     pub frame_copies: u32,
     /// Bytes of the message.
     pub bytes: u64,
+    /// What acts on the sheet, see [`StageRecord::effects`].
+    pub effects: u32,
+    /// What of it slept.
+    pub effects_asleep: u32,
 }
 
 /// Publishes a stage's records.
@@ -76,6 +80,8 @@ impl Recorder {
             record.status = work.status;
             record.frame_copies = work.frame_copies;
             record.bytes = work.bytes;
+            record.effects = work.effects;
+            record.effects_asleep = work.effects_asleep;
             record.drops = drops;
             (record.loan_waits, record.queue_depth, record.queue_high) = gauge::read();
         })

@@ -7,6 +7,9 @@ use serde::{Deserialize, Serialize};
 pub struct Resume {
     /// First frame set that was not wholly published: capture goes on with it.
     pub next_set: u64,
+    /// Frame set that capture's source began with: not 0 where it took another one's place.
+    #[serde(default)]
+    pub source_began: u64,
     /// Newest step that this stage has published.
     pub published: Option<u64>,
     /// Newest step that the stage before this one has published.

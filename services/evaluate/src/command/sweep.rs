@@ -17,6 +17,7 @@ use orime_evaluate::summary::fnv1a;
 use orime_evaluate::sweep::{Row, RunFigures};
 use orime_runtime::SetFile;
 use rustix::time::{ClockId, clock_gettime};
+use serde::Serialize;
 use toml::Value;
 
 use self::knobs::{Knob, Point};
@@ -63,10 +64,10 @@ pub struct SweepArguments {
     /// What ../shared/baseline/paper_loop.py printed on this machine, to be drawn beside.
     #[arg(long, value_name = "FILE")]
     paper_loop: Option<PathBuf>,
-    /// Print the knobs and their values as JSON, and run nothing.
+    /// Print the knobs, their values and every run as JSON, and run nothing.
     #[arg(long)]
     list: bool,
-    /// Draw what is done, and run nothing.
+    /// Draw what is done, by this program or an older one, and run nothing.
     #[arg(long, conflicts_with = "list")]
     draw: bool,
 }
@@ -79,8 +80,8 @@ Examples:
   orime-evaluate sweep deploy/sets/half_fold.toml --out out/sweep --list
   orime-evaluate sweep deploy/sets/half_fold.toml --out out/sweep --draw --paper-loop paper.json
 
-A finished run is a line of DIR/runs.jsonl with a hash over this program, the set and its keys,
-seed and steps: the same command goes on where it was interrupted, and runs nothing twice.";
+A finished run is a line of DIR/runs.jsonl with hashes over the set with its keys, seed and steps,
+and over this program: the same command goes on where it was interrupted, and runs nothing twice.";
 
 /// What a step's time is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -100,6 +101,7 @@ pub struct Interrupted {
 }
 
 /// One run that is to be made.
+#[derive(Serialize)]
 struct Planned {
     key: String,
     knob: String,
@@ -107,6 +109,7 @@ struct Planned {
     seed: u64,
     steps: Option<u64>,
     /// The set with all keys.
+    #[serde(skip)]
     text: String,
 }
 
@@ -114,21 +117,31 @@ struct Planned {
 pub fn run(arguments: &SweepArguments) -> anyhow::Result<()> {
     let set = base(arguments)?;
     let knobs = chosen(arguments, knobs::all(&set)?)?;
+    let planned = plan(arguments, &set, &knobs)?;
     if arguments.list {
-        let listed: Vec<_> = knobs.iter().map(Knob::listed).collect();
-        println!("{}", serde_json::to_string_pretty(&listed)?);
+        let knobs: Vec<_> = knobs.iter().map(Knob::listed).collect();
+        let list = serde_json::json!({ "knobs": knobs, "runs": planned });
+        println!("{}", serde_json::to_string_pretty(&list)?);
         return Ok(());
     }
     let paper_loop_step_ms = arguments.paper_loop.as_deref().map(paper_loop_ms).transpose()?;
-    let planned = plan(arguments, &set, &knobs)?;
     let mut ledger = Ledger::open(&arguments.out)?;
-    let known = planned.iter().filter(|run| ledger.row(&run.key).is_some()).count();
+    let program = format!("{:016x}", fnv1a(this_program()?.into_iter()));
+    let known = planned.iter().filter(|run| ledger.row(&run.key, &program).is_some()).count();
     let others = ledger.len() - known;
-    if others > 0 {
+    if others > 0 && !arguments.draw {
         eprintln!("{others} rows are of another program, set or number of steps: left alone");
     }
-    let whole = arguments.draw || run_all(arguments, &planned, &mut ledger)?;
-    let rows: Vec<Row> = planned.iter().filter_map(|run| ledger.row(&run.key)).cloned().collect();
+    let whole = arguments.draw || run_all(arguments, &planned, &program, &mut ledger)?;
+    let row = |run: &Planned| match arguments.draw {
+        true => ledger.row_of_any(&run.key, &program),
+        false => ledger.row(&run.key, &program),
+    };
+    let rows: Vec<Row> = planned.iter().filter_map(row).cloned().collect();
+    let foreign = rows.iter().filter(|row| row.program != program).count();
+    if foreign > 0 {
+        eprintln!("{foreign} rows were made by another build of this program");
+    }
     ensure!(!rows.is_empty(), "there is nothing to draw: no run of this sweep is done");
     let clock = match arguments.clock {
         Clock::Wall => "on the wall",
@@ -190,8 +203,6 @@ fn plan(arguments: &SweepArguments, set: &SetFile, knobs: &[Knob]) -> anyhow::Re
             points.push(("also".to_owned(), Point { value: variant.name, keys, steps_ratio: 1.0 }));
         }
     }
-    let program = fs::read(std::env::current_exe()?).context("reading this program")?;
-    let program = fnv1a(program.into_iter());
     let mut planned = Vec::new();
     for seed in (0..arguments.seeds).map(|k| capture.rendered.seed + k) {
         for (knob, point) in &points {
@@ -206,7 +217,7 @@ fn plan(arguments: &SweepArguments, set: &SetFile, knobs: &[Knob]) -> anyhow::Re
             let varied = SetFile::parse(&set.path, text.clone()).context(name.clone())?;
             super::set::pipeline(&varied).context(name.clone())?;
             varied.checked("capture", CaptureParams::check).context(name)?;
-            let all = format!("{program:016x} {steps:?} {:?} {text}", arguments.clock);
+            let all = format!("{steps:?} {:?} {text}", arguments.clock);
             let key = format!("{:016x}", fnv1a(all.bytes()));
             let (knob, value) = (knob.clone(), point.value.clone());
             planned.push(Planned { key, knob, value, seed, steps, text });
@@ -219,6 +230,7 @@ fn plan(arguments: &SweepArguments, set: &SetFile, knobs: &[Knob]) -> anyhow::Re
 fn run_all(
     arguments: &SweepArguments,
     planned: &[Planned],
+    program: &str,
     ledger: &mut Ledger,
 ) -> anyhow::Result<bool> {
     let stop = Arc::new(AtomicBool::new(false));
@@ -233,7 +245,7 @@ fn run_all(
         pool.context("making one thread for the stages")?;
     }
     let missing: Vec<&Planned> =
-        planned.iter().filter(|run| ledger.row(&run.key).is_none()).collect();
+        planned.iter().filter(|run| ledger.row(&run.key, program).is_none()).collect();
     let done = planned.len() - missing.len();
     if done > 0 {
         eprintln!("{done} of {} runs are done already", planned.len());
@@ -241,8 +253,7 @@ fn run_all(
     let start = Instant::now();
     for (k, run) in missing.iter().enumerate() {
         let what = format!("{}/{} {} {}", done + k + 1, planned.len(), run.knob, run.value);
-        let Some(row) = one(arguments, run, &what, clock, &stop)? else { return Ok(false) };
-        let figures = &row.figures;
+        let Some(figures) = one(arguments, run, &what, clock, &stop)? else { return Ok(false) };
         let left_s =
             start.elapsed().as_secs_f64() / (k + 1) as f64 * (missing.len() - k - 1) as f64;
         eprintln!(
@@ -254,7 +265,14 @@ fn run_all(
             figures.steps,
             left_s / 60.0
         );
-        ledger.add(row)?;
+        ledger.add(Row {
+            key: run.key.clone(),
+            program: program.to_owned(),
+            knob: run.knob.clone(),
+            value: run.value.clone(),
+            seed: run.seed,
+            figures,
+        })?;
     }
     Ok(true)
 }
@@ -266,7 +284,7 @@ fn one(
     what: &str,
     clock: Option<fn() -> f64>,
     stop: &AtomicBool,
-) -> anyhow::Result<Option<Row>> {
+) -> anyhow::Result<Option<RunFigures>> {
     let set = SetFile::parse(&arguments.set, run.text.clone())?;
     let live = std::io::stderr().is_terminal();
     let mut goes_on = |done: u64, steps: u64| {
@@ -279,13 +297,11 @@ fn one(
     };
     let judge = judged(&set, Run { limit: run.steps, clock, goes_on: &mut goes_on })
         .with_context(|| format!("{what}, seed {}", run.seed))?;
-    Ok(judge.map(|judge| Row {
-        key: run.key.clone(),
-        knob: run.knob.clone(),
-        value: run.value.clone(),
-        seed: run.seed,
-        figures: RunFigures::of(judge.steps(), &judge.summary()),
-    }))
+    Ok(judge.map(|judge| RunFigures::of(judge.steps(), &judge.summary())))
+}
+
+fn this_program() -> anyhow::Result<Vec<u8>> {
+    fs::read(std::env::current_exe()?).context("reading this program")
 }
 
 /// Processor time of this process so far, seconds.

@@ -60,8 +60,8 @@ pub fn over_time(
     apart: &[&str],
     landmarks: &[Landmark],
 ) -> Sketch {
-    const SIZE: [f64; 2] = [960.0, 600.0];
-    let [left, right, top, bottom] = [64.0, SIZE[0] - 24.0, 52.0, SIZE[1] - 46.0];
+    const SIZE: [f64; 2] = [1240.0, 600.0];
+    let [left, right, top, bottom] = [64.0, SIZE[0] - 300.0, 52.0, SIZE[1] - 46.0];
     let times = landmarks.iter().flat_map(|l| l.step_ms);
     let errors = landmarks.iter().filter_map(|l| l.error_mm).flatten();
     let x = Log::over(settings.iter().map(|s| s.step_ms.min).chain(times), [left, right]);
@@ -86,6 +86,22 @@ pub fn over_time(
         draw_landmark(&mut sketch, landmark, &x, &y);
     }
     draw_settings(&mut sketch, settings, apart, &x, &y);
+    let names = draw_front(&mut sketch, settings, &x, &y);
+    let legend = [
+        (ORANGE, "Pareto front, by time:"),
+        (BLACK, "the set's own settings"),
+        (BLUE, "one knob, or a few, changed"),
+        (GREY, "other data: another frame rate"),
+    ];
+    for (k, (color, words)) in legend.iter().rev().enumerate() {
+        let at = [right + 24.0, bottom - 16.0 * k as f64];
+        sketch.dot([at[0] - 9.0, at[1] - 4.0], 3.5, *color);
+        sketch.text(at, Anchor::Start, BLACK, words);
+    }
+    for (k, name) in names.iter().enumerate() {
+        let at = [right + 15.0, top + 10.0 + 16.0 * k as f64];
+        sketch.text(at, Anchor::Start, BLACK, &format!("{} {name}", k + 1));
+    }
     sketch
 }
 
@@ -108,41 +124,40 @@ fn draw_landmark(sketch: &mut Sketch, landmark: &Landmark, x: &Log, y: &Log) {
 }
 
 fn draw_settings(sketch: &mut Sketch, settings: &[Setting], apart: &[&str], x: &Log, y: &Log) {
-    let at = |setting: &Setting| {
+    let is_base = |setting: &Setting| setting.knob == "base";
+    // The set's own last: nothing hides it.
+    let (own, others): (Vec<&Setting>, Vec<&Setting>) = settings.iter().partition(|s| is_base(s));
+    for setting in others.into_iter().chain(own) {
         let [ms, mm] = place(setting);
-        [x.place(ms), y.place(mm)]
-    };
+        let (at, spread) = ([x.place(ms), y.place(mm)], setting.vertex_error_mm);
+        let color = match setting {
+            s if apart.contains(&s.knob.as_str()) => GREY,
+            s if is_base(s) => BLACK,
+            _ => BLUE,
+        };
+        sketch.line([at[0], y.place(spread.min)], [at[0], y.place(spread.max)], color, 0.5);
+        sketch.dot(at, if is_base(setting) { 5.0 } else { 3.0 }, color);
+    }
+}
+
+/// The front with numbers; the names that these stand for.
+fn draw_front(sketch: &mut Sketch, settings: &[Setting], x: &Log, y: &Log) -> Vec<String> {
     let on_front: Vec<&Setting> = settings.iter().filter(|s| s.on_front).collect();
     let places: Vec<[f64; 2]> = on_front.iter().map(|s| place(s)).collect();
     let order = front(&places);
+    let at = |k: usize| [x.place(places[k][0]), y.place(places[k][1])];
     for pair in order.windows(2) {
         // Nothing measured lies between two of the front: it goes by steps.
-        let [a, b] = [at(on_front[pair[0]]), at(on_front[pair[1]])];
+        let [a, b] = [at(pair[0]), at(pair[1])];
         sketch.line(a, [b[0], a[1]], ORANGE, 1.0);
         sketch.line([b[0], a[1]], b, ORANGE, 1.0);
     }
-    for setting in settings {
-        let [px, _] = at(setting);
-        let spread = setting.vertex_error_mm;
-        let is_base = setting.value.is_empty() && setting.knob == "base";
-        let color = match setting {
-            s if apart.contains(&s.knob.as_str()) => GREY,
-            s if is_base || s.on_front => ORANGE,
-            _ => BLUE,
-        };
-        sketch.line([px, y.place(spread.min)], [px, y.place(spread.max)], color, 0.5);
-        sketch.dot(at(setting), if is_base { 6.0 } else { 3.5 }, color);
+    for (n, k) in order.iter().enumerate() {
+        let [px, py] = at(*k);
+        sketch.dot([px, py], 3.5, ORANGE);
+        sketch.text([px - 3.0, py + 16.0], Anchor::End, BLACK, &(n + 1).to_string());
     }
-    let mut taken: Vec<[f64; 2]> = Vec::new();
-    for k in order {
-        let [px, mut py] = at(on_front[k]);
-        // Names that would lie on each other move up.
-        while taken.iter().any(|t| (t[1] - py).abs() < 12.0 && (t[0] - px).abs() < 200.0) {
-            py -= 12.0;
-        }
-        taken.push([px, py]);
-        sketch.text([px + 7.0, py - 5.0], Anchor::Start, BLACK, &on_front[k].name());
-    }
+    order.into_iter().map(|k| on_front[k].name()).collect()
 }
 
 /// Width and height of one knob's plot.
@@ -203,7 +218,9 @@ fn panel(
     for (k, (value, setting)) in points.iter().enumerate() {
         let color = if *value == own { BLACK } else { GREY };
         // Long names take turns on two lines.
-        let low = if points.len() > 4 && k % 2 == 1 { 20.0 } else { 11.0 };
+        let room = (right - left) / points.len() as f64;
+        let is_tight = points.iter().any(|(v, _)| CHARACTER * v.len() as f64 > room - 4.0);
+        let low = if is_tight && k % 2 == 1 { 20.0 } else { 11.0 };
         sketch.text([x(k), bottom + low], Anchor::Middle, color, value);
         let Some(setting) = setting else { continue };
         let error = setting.vertex_error_mm;

@@ -197,7 +197,9 @@ fn resolution(own: &Own) -> Knob {
 fn rate(own: &Own) -> Knob {
     let rendered = &own.capture.rendered;
     let mut knob = Knob::new(APART[0], rendered.rate_hz.to_string(), Vec::new());
-    for ratio in [0.25, 0.5, 2.0] {
+    // A source is at most ten times slower or faster than usual.
+    let is_possible = |ratio: &f64| (0.1..=10.0).contains(&(rendered.speed / ratio));
+    for ratio in [0.25, 0.5, 2.0].into_iter().filter(is_possible) {
         let value = (rendered.rate_hz * ratio).to_string();
         let mut keys = vec![
             ("capture.rendered.rate_hz".to_owned(), Value::Float(rendered.rate_hz * ratio)),
@@ -332,6 +334,14 @@ mod tests {
         assert_eq!(of("EM iterations").points.len(), 6);
         assert_eq!(of("points").points.len(), 4);
         assert_eq!((of("cameras").own.as_str(), of("cameras").points.len()), ("3", 4));
+    }
+
+    #[test]
+    fn rates_that_no_source_can_give_are_left_out() {
+        let text = format!("{SET}[capture.rendered]\nspeed = 4.0\n");
+        let knobs = knobs(&text).unwrap();
+        let rates = knobs.iter().find(|knob| knob.name == APART[0]).unwrap();
+        assert_eq!(rates.values, ["15", "30", "60"]);
     }
 
     #[test]

@@ -48,9 +48,15 @@ impl Ledger {
         Ok(Self { path, file, rows })
     }
 
-    /// The row of a run that was made before.
-    pub fn row(&self, key: &str) -> Option<&Row> {
-        self.rows.iter().find(|row| row.key == key)
+    /// The row of a run that this program made before.
+    pub fn row(&self, key: &str, program: &str) -> Option<&Row> {
+        self.rows.iter().find(|row| row.key == key && row.program == program)
+    }
+
+    /// … or, where it made none, the newest that another one made.
+    pub fn row_of_any(&self, key: &str, program: &str) -> Option<&Row> {
+        let of_any = || self.rows.iter().rev().find(|row| row.key == key);
+        self.row(key, program).or_else(of_any)
     }
 
     /// Rows of any program and set.
@@ -77,6 +83,7 @@ mod tests {
     fn row(key: &str) -> Row {
         Row {
             key: key.into(),
+            program: "p".into(),
             knob: "grid".into(),
             value: "13".into(),
             seed: 1,
@@ -95,10 +102,11 @@ mod tests {
         let text = fs::read_to_string(&path).unwrap();
         fs::write(&path, &text[..text.len() - 5]).unwrap();
         let mut ledger = Ledger::open(&folder).unwrap();
-        assert_eq!((ledger.row("a"), ledger.row("b")), (Some(&row("a")), None));
+        assert_eq!((ledger.row("a", "p"), ledger.row("b", "p")), (Some(&row("a")), None));
+        assert_eq!((ledger.row("a", "q"), ledger.row_of_any("a", "q")), (None, Some(&row("a"))));
         ledger.add(row("c")).unwrap();
         let ledger = Ledger::open(&folder).unwrap();
-        assert_eq!((ledger.len(), ledger.row("c")), (2, Some(&row("c"))));
+        assert_eq!((ledger.len(), ledger.row("c", "p")), (2, Some(&row("c"))));
         fs::write(&path, "nonsense\n").unwrap();
         let error = format!("{:#}", Ledger::open(&folder).err().unwrap());
         assert!(error.contains("runs.jsonl:1"), "{error}");

@@ -113,18 +113,21 @@ fn table(report: &Report<'_>) -> String {
         "What each millimetre costs: settings than which no other is both faster and more \
          accurate.\n"
             .to_owned(),
-        "| setting | ms/step | true vertex error, mm (seeds) | ms per mm won |".to_owned(),
-        "| --- | --- | --- | --- |".to_owned(),
+        "| # | setting | ms/step | true vertex error, mm (seeds) | lost % | ms per mm won |"
+            .to_owned(),
+        "| --- | --- | --- | --- | --- | --- |".to_owned(),
     ];
-    for cost in &report.costs {
+    for (k, cost) in report.costs.iter().enumerate() {
         let error = cost.vertex_error_mm;
         lines.push(format!(
-            "| {} | {:.1} | {:.2} ({:.2} to {:.2}) | {} |",
+            "| {} | {} | {:.1} | {:.2} ({:.2} to {:.2}) | {:.0} | {} |",
+            k + 1,
             cost.setting,
             cost.step_ms,
             error.mean,
             error.min,
             error.max,
+            cost.lost_percent,
             cost.ms_per_mm.map_or("–".to_owned(), |price| format!("{price:.0}"))
         ));
     }

@@ -226,7 +226,7 @@ fn normal(map: &DepthMap, surface: &BitImage, x: usize, y: usize) -> Option<[f32
     let near = [0, 1, 2, 3, 4].map(|m| surface.nine(x - 4, y + 2 * m - 4));
     let z_m = |dx: usize, dy: usize| map.z_m((x + dx) as i32 - 4, (y + dy) as i32 - 4);
     let set = |dx: usize, dy: usize| near[dy / 2] >> dx & 1 == 1;
-    let z_u = slope(|along, side| set(along, side), |along, side| z_m(along, side))?;
+    let z_u = slope(set, z_m)?;
     let z_v = slope(|along, side| set(side, along), |along, side| z_m(side, along))?;
     let z = map.z_m(x as i32, y as i32);
     let ray = map.world_ray(x, y);

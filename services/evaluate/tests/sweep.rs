@@ -11,7 +11,7 @@ nodes = [13, 13]
 [capture]
 source = \"rendered\"
 [capture.rendered]
-steps = 6
+steps = 60
 size_px = [160, 120]
 ";
 
@@ -46,7 +46,8 @@ fn a_sweep_goes_on_where_it_ended_and_tells_the_same() {
     std::fs::write(folder.join("set.toml"), SET).unwrap();
     std::fs::write(folder.join("paper.json"), "{\"seconds_per_step\": 1.5}").unwrap();
 
-    let first = sweep(folder, &["--json", "sweep.json", "--paper-loop", "paper.json"]);
+    let first =
+        sweep(folder, &["--steps", "6", "--json", "sweep.json", "--paper-loop", "paper.json"]);
     assert!(first.status.success(), "{}", String::from_utf8_lossy(&first.stderr));
     let all = rows(folder);
     // The set's own 20, and 5, 10, 40, 80, for two seeds.
@@ -68,7 +69,7 @@ fn a_sweep_goes_on_where_it_ended_and_tells_the_same() {
     let text = std::fs::read_to_string(&path).unwrap();
     let eight: usize = text.lines().take(8).map(|line| line.len() + 1).sum();
     std::fs::write(&path, &text[..eight + 20]).unwrap();
-    let second = sweep(folder, &[]);
+    let second = sweep(folder, &["--steps", "6"]);
     let said = String::from_utf8_lossy(&second.stderr);
     assert!(second.status.success() && said.contains("8 of 10 runs are done already"), "{said}");
     let hashes = |rows: &[serde_json::Value]| -> Vec<String> {

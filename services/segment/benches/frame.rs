@@ -152,7 +152,8 @@ fn print(name: &str, bytes: usize, looks: &[Look]) {
 fn compare() {
     println!("one core, one camera at a time");
     println!(
-        "frames                             seen% looks   ms p50     p10    MB/s copy ms  copies  at p10"
+        "frames                             seen% looks   ms p50     p10    MB/s copy ms  \
+         copies  at p10"
     );
     for (name, sequence) in
         [("half fold", SequenceKind::HalfFold), ("square base", SequenceKind::SquareBase)]

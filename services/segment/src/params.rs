@@ -180,20 +180,18 @@ impl SegmentParams {
         let holds = 0.0 < areas[0] && areas[0] <= areas[1] && areas[1] <= 1.0;
         let requirement = "needs 0 < area_ratio_min <= learn_area_ratio_min <= 1";
         checker.require(holds, "area_ratio_min", areas, requirement);
-        for (key, value, low, high) in [
-            ("open_px", open_px, 0, 16),
-            ("close_px", close_px, 0, 16),
-            ("mask_margin_px", mask_margin_px, 0, 16),
-            ("occluder_margin_px", occluder_margin_px, 0, 32),
-            ("edgel_occluder_margin_px", edgel_occluder_margin_px, 0, 32),
-            ("edgel_spacing_px", edgel_spacing_px, 1, 64),
+        for (key, value, low, high, unit) in [
+            ("open_px", open_px, 0, 16, "pixels"),
+            ("close_px", close_px, 0, 16, "pixels"),
+            ("mask_margin_px", mask_margin_px, 0, 16, "pixels"),
+            ("occluder_margin_px", occluder_margin_px, 0, 32, "pixels"),
+            ("edgel_occluder_margin_px", edgel_occluder_margin_px, 0, 32, "pixels"),
+            ("edgel_spacing_px", edgel_spacing_px, 1, 64, "pixels"),
+            ("whole_image_every", whole_image_every as usize, 1, 1000, "frames"),
         ] {
-            let requirement = format!("must be {low} to {high} pixels");
+            let requirement = format!("must be {low} to {high} {unit}");
             checker.require((low..=high).contains(&value), key, value, &requirement);
         }
-        let requirement = "must be 1 to 1000 frames";
-        let holds = (1..=1000).contains(&whole_image_every);
-        checker.require(holds, "whole_image_every", whole_image_every, requirement);
         checker.finish(|| SegmentConfig { params: self.clone() })
     }
 }

@@ -32,8 +32,8 @@ use tree::{Cut, Side, Tree};
 const DIRECTIONS: usize = 36;
 /// Least width of both parts of a split, spacings, and least weight of their nodes.
 const PART_MIN: (f64, f64) = (1.2, 6.0);
-/// Least share of the sheet's nodes on either side of a crease off landmarks: tips that nobody sees well
-/// bend in many ways.
+/// Least share of the sheet's nodes on either side of a crease off landmarks: tips that nobody sees
+/// well bend in many ways.
 const PART_OFF_LANDMARKS: f64 = 0.04;
 /// Standard deviations, and spacings at most, that a landmark may be off more than told.
 const UNSURE: (f64, f64) = (3.0, 0.5);

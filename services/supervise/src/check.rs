@@ -40,6 +40,8 @@ pub struct CheckedSet {
 struct SetShape {
     name: Option<String>,
     pace: Option<Pace>,
+    budget_ms: Option<f64>,
+    profile: Option<String>,
     #[serde(default)]
     sheet: SheetParams,
     #[serde(default)]
@@ -266,6 +268,17 @@ mod tests {
         let set = check(Path::new("half_fold.toml"), crate::up::DEFAULT_SET).unwrap();
         assert_eq!((set.file.name.as_str(), set.file.pace), ("half_fold", Pace::Lockstep));
         assert!(set.steps.is_some());
+    }
+
+    #[test]
+    fn a_budget_and_a_profile_are_parts_of_a_set() {
+        let set = |more: &str| crate::up::DEFAULT_SET.replace("\npace", &format!("\n{more}\npace"));
+        let path = Path::new("half_fold.toml");
+        let checked = check(path, &set("budget_ms = 11\nprofile = \"fast\"")).unwrap();
+        assert_eq!(checked.file.budget_ms, Some(11.0));
+        for wrong in ["budget_ms = -1.0", "budget_ms = \"11\"", "profile = \"slow\""] {
+            assert!(check(path, &set(wrong)).is_err(), "{wrong}");
+        }
     }
 
     #[test]

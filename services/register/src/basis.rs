@@ -16,6 +16,8 @@ pub(crate) struct Basis {
     pub modes: DMatrix<f64>,
     /// Their eigenvalues, descending.
     pub eigenvalues: Vec<f64>,
+    /// `modes`, rows padded with zeros to whole tiles.
+    padded: Vec<f64>,
 }
 
 /// Four control points (or nodes) and their bilinear weights.
@@ -46,7 +48,13 @@ impl Basis {
         // The modes are read row by row (a control point's K entries): store them transposed.
         let modes =
             DMatrix::from_fn(order.len(), uv.len(), |k, a| eigen.eigenvectors[(a, order[k])]);
-        Self { controls, modes, eigenvalues: order.iter().map(|k| eigen.eigenvalues[*k]).collect() }
+        let mut padded = Vec::new();
+        for row in modes.as_slice().chunks_exact(order.len()) {
+            padded.extend_from_slice(row);
+            padded.resize(padded.len().next_multiple_of(TILE[0]), 0.0);
+        }
+        let eigenvalues = order.iter().map(|k| eigen.eigenvalues[*k]).collect();
+        Self { controls, modes, eigenvalues, padded }
     }
 
     /// Number of control points.
@@ -70,8 +78,6 @@ pub(crate) struct Equations {
     pub right: [Vec<f64>; 3],
     /// S Q, a row of K numbers, padded, per control point.
     spread: Vec<f64>,
-    /// Q, padded as well.
-    modes: Vec<f64>,
 }
 
 /// Rows and columns of the normal equations that are summed up together.
@@ -93,23 +99,18 @@ impl Pass for Reduce<'_> {
     #[inline(always)]
     fn run<V: Lanes>(self) {
         let Self { basis, stencil, force, equations } = self;
-        let Equations { normal, right, spread, modes } = equations;
+        let Equations { normal, right, spread } = equations;
         let k = basis.eigenvalues.len();
         let padded = k.next_multiple_of(TILE[0]);
-        for numbers in [&mut *spread, &mut *modes] {
-            numbers.clear();
-            numbers.resize(padded * basis.len(), 0.0);
-        }
+        spread.clear();
+        spread.resize(padded * basis.len(), 0.0);
         for numbers in right.iter_mut() {
             numbers.clear();
             numbers.resize(k, 0.0);
         }
         let stride = basis.controls[1] as isize;
-        for (a, (spread, modes)) in
-            spread.chunks_exact_mut(padded).zip(modes.chunks_exact_mut(padded)).enumerate()
-        {
+        for (a, spread) in spread.chunks_exact_mut(padded).enumerate() {
             let row = basis.row(a);
-            modes[..k].copy_from_slice(row);
             for axis in 0..3 {
                 add(&mut right[axis], force[a][axis], row);
             }
@@ -125,7 +126,7 @@ impl Pass for Reduce<'_> {
         normal.resize(k * k, 0.0);
         for column in (0..k).step_by(TILE[1]) {
             for row in (column / TILE[0] * TILE[0]..k).step_by(TILE[0]) {
-                let tile = tile(modes, spread, padded, row, column);
+                let tile = tile(&basis.padded, spread, padded, row, column);
                 for (j, sums) in tile.iter().enumerate().take(k - column) {
                     for (i, sum) in sums.iter().enumerate().take(k - row) {
                         normal[(column + j) * k + row + i] = *sum;

@@ -125,10 +125,7 @@ impl Registrar {
         let flat = sheet.flat_m();
         let rest = template_m.as_deref().unwrap_or(&flat);
         Self {
-            effort: Effort {
-                points_max: config.params.points_max,
-                iterations_max: config.params.iterations_max,
-            },
+            effort: Effort::full(&config.params),
             params: config.params.clone(),
             tracker: Tracker::new(&config.params, sheet, rest),
             fusion: Fusion::new(&config.params, sheet, rest),
@@ -166,7 +163,7 @@ impl Registrar {
 
     /// How much work goes into a frame as the parameters say.
     pub fn full_effort(&self) -> Effort {
-        Effort { points_max: self.params.points_max, iterations_max: self.params.iterations_max }
+        Effort::full(&self.params)
     }
 
     /// How much work is to go into the frames from now on.

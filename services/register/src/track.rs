@@ -53,6 +53,13 @@ pub struct Effort {
     pub iterations_max: u32,
 }
 
+impl Effort {
+    /// As the parameters say.
+    pub(crate) fn full(params: &RegisterParams) -> Self {
+        Self { points_max: params.points_max, iterations_max: params.iterations_max }
+    }
+}
+
 /// Iterations that are done in any case.
 const ITERATIONS_MIN: u32 = 2;
 

@@ -1,5 +1,6 @@
 //! The `[register]` section of a set.
 
+use orime_creases::UNSEEN_CONFIDENCE;
 use orime_geometry::SheetGrid;
 use orime_params::{Checker, Problem};
 use serde::{Deserialize, Serialize};
@@ -79,9 +80,13 @@ pub struct RegisterParams {
     /// contour's error for one pixel. Default 1.
     pub outline_weight: f64,
     /// Let each camera's points pull only on what that camera can see of the predicted sheet, and
-    /// give nodes that nobody sees no target. Needs layers in the right order: simulate's contact.
-    /// Default true.
+    /// give nodes that nobody sees little confidence (`unseen_confidence`). Needs layers in the right
+    /// order: simulate's contact. Default true.
     pub visibility: bool,
+    /// Confidence of the targets of nodes that nobody sees, 0 to 0.1: the registration carries them
+    /// along with what is seen of the sheet, where the simulation alone would let hidden layers of
+    /// a fast stack fall behind and through each other. 0 gives them no target. Default 0.1.
+    pub unseen_confidence: f64,
     /// Learn what each camera's depth errs by as a whole, from contour and other cameras, and
     /// correct it. Default true.
     pub learn_depth_bias: bool,
@@ -116,6 +121,7 @@ impl Default for RegisterParams {
             points_min: 60,
             outline_weight: 1.0,
             visibility: true,
+            unseen_confidence: f64::from(UNSEEN_CONFIDENCE),
             learn_depth_bias: true,
             targets_everywhere: true,
             explained_min: 0.85,
@@ -147,6 +153,7 @@ impl RegisterParams {
             points_min,
             outline_weight,
             visibility: _,
+            unseen_confidence,
             learn_depth_bias: _,
             targets_everywhere: _,
             explained_min,
@@ -172,6 +179,7 @@ impl RegisterParams {
         within("modes_max", *modes_max as f64, 3.0, 400.0);
         within("isometry_sweeps", f64::from(*isometry_sweeps), 0.0, 200.0);
         within("flatness", *flatness, 0.0, 1.0);
+        within("unseen_confidence", *unseen_confidence, 0.0, f64::from(UNSEEN_CONFIDENCE));
         within("points_max", *points_max as f64, 100.0, 1e6);
         within("points_min", *points_min as f64, 3.0, *points_max as f64);
         within("outline_weight", *outline_weight, 0.0, 4.0);

@@ -260,13 +260,14 @@ impl Tracker {
     }
 
     /// How much each node was seen in the last [`Self::track`], 0 … 1: the mass that the points
-    /// gave its components, and whether a camera could see them.
+    /// gave its components, and whether a camera could see them; `unseen_confidence` at least.
     pub fn confidence(&self, nodes: &mut [f32]) {
+        let unseen = self.params.unseen_confidence as f32;
         let mut seen = vec![0f32; nodes.len()];
         self.mixture.to_nodes(|m| self.mixture.components.mass[m], nodes);
         self.mixture.to_nodes(|m| f32::from(u8::from(self.visibility.is_seen(m))), &mut seen);
         for (node, seen) in nodes.iter_mut().zip(seen) {
-            *node = *node / (*node + MASS_HALF) * seen;
+            *node = (*node / (*node + MASS_HALF) * seen).max(unseen);
         }
     }
 

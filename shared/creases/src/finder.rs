@@ -20,6 +20,10 @@ enum Method {
     Paper(Box<Clustering>),
 }
 
+/// Targets with at most this confidence are of nodes that nobody saw: they hold hidden layers beside
+/// what is seen of the sheet, and say nothing of creases.
+pub const UNSEEN_CONFIDENCE: f32 = 0.1;
+
 impl CreaseFinder {
     /// A finder for a sheet without creases.
     pub fn new(config: &CreaseConfig, sheet: &SheetGrid) -> Self {

@@ -10,6 +10,9 @@ pub const FACETS_MAX: usize = 32;
 ///
 /// Source: `../shared/design/loop.md`.
 pub const ORDER_APART_M: f64 = 4e-3;
+/// Facets with normals nearer than this lie on each other like a stack: what lies above one has
+/// it below (60°).
+const STACKED_COSINE: f64 = 0.5;
 /// A node nearer than this share of the spacing to a facet counts as the facet's too.
 const MARGIN: f64 = 0.25;
 /// Corners nearer than this are one, metres.
@@ -240,16 +243,24 @@ impl Folds {
         for (f, pose) in poses.iter_mut().enumerate() {
             *pose = FacetFrame::fit(&self.sheet, &self.members[f], positions_m);
         }
-        for (f, pose_f) in poses.iter().enumerate() {
-            for (g, pose_g) in poses.iter().enumerate() {
-                let height_m = (pose_f.center_m - pose_g.center_m).dot(&pose_g.normal);
-                if f == g || height_m.abs() <= ORDER_APART_M {
-                    continue;
-                }
+        let height_m =
+            |f: usize, g: usize| (poses[f].center_m - poses[g].center_m).dot(&poses[g].normal);
+        for f in 0..poses.len() {
+            for g in (0..poses.len()).filter(|g| *g != f) {
+                let height_m = height_m(f, g);
                 let side = if height_m > 0.0 { 1 } else { -1 };
                 // What lies over a facet cannot come to its other side: it would pass through.
-                if self.order[f][g] != -side || !self.is_over(f, g, pose_g, positions_m) {
+                if height_m.abs() > ORDER_APART_M
+                    && (self.order[f][g] != -side || !self.is_over(f, g, &poses[g], positions_m))
+                {
                     self.order[f][g] = side;
+                }
+            }
+        }
+        for f in 0..poses.len() {
+            for g in (0..poses.len()).filter(|g| *g != f) {
+                if height_m(f, g).abs() <= ORDER_APART_M && height_m(g, f).abs() > ORDER_APART_M {
+                    self.order[f][g] = self.seen_from(f, g, poses[f].normal.dot(&poses[g].normal));
                 }
             }
         }
@@ -265,6 +276,13 @@ impl Folds {
             let turn = if wrapped { -std::f64::consts::TAU * angle_rad.signum() } else { 0.0 };
             crease.angle_rad = angle_rad + turn;
         }
+    }
+
+    /// On which side of `g` facet `f` lies, by where `g` lies as seen from `f`: `f` is cut by the
+    /// plane of `g`, and what was known may be of before that plane swept over it.
+    fn seen_from(&self, f: usize, g: usize, cosine: f64) -> i8 {
+        let side = if cosine > 0.0 { -self.order[g][f] } else { self.order[g][f] };
+        if cosine.abs() > STACKED_COSINE { side } else { 0 }
     }
 
     /// Whether a part of facet `f` lies over or under facet `g`, whose pose is known.

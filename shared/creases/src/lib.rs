@@ -14,7 +14,7 @@ mod params;
 #[cfg(feature = "trial")]
 pub mod trial;
 
-pub use finder::CreaseFinder;
+pub use finder::{CreaseFinder, UNSEEN_CONFIDENCE};
 pub use folds::{Crease, FACETS_MAX, Facet, Folds, ORDER_APART_M};
 pub use frame::{FacetFrame, polar};
 pub use line::Line;

@@ -50,7 +50,8 @@ message! {
         pub reserved: u32,
         /// World frame, metres.
         pub targets_m: [[f32; 3]; NODES_MAX],
-        /// 0 means that the node has no target.
+        /// 0 means that the node has no target; up to 0.1, that nobody saw it
+        /// (`register.unseen_confidence`).
         pub confidence: [f32; NODES_MAX],
     }
 }

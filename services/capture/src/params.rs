@@ -87,6 +87,13 @@ pub enum SourceConfig {
     RealsenseFile(RealsenseFileConfig),
 }
 
+impl CaptureConfig {
+    /// Whether the source is a device, which one process alone can have open.
+    pub fn is_device(&self) -> bool {
+        matches!(self.source, SourceConfig::Realsense(_))
+    }
+}
+
 impl CaptureParams {
     /// Checks the section; every problem at once.
     pub fn check(&self) -> Result<CaptureConfig, Vec<Problem>> {

@@ -11,7 +11,7 @@ use orime_messages::{
     Drops, FrameExtent, FrameStatus, GRIPPERS_MAX, GripperMeta, Grippers, Header, Truth,
 };
 use orime_runtime::{
-    FramePublisher, FrameWritten, Publisher, Recorder, Service, Stop, Work, channel, now_ns,
+    Beginning, FramePublisher, FrameWritten, Publisher, Recorder, Stop, Work, channel, now_ns,
 };
 
 /// Longest sleep before capture looks whether it shall end.
@@ -43,11 +43,15 @@ pub struct Capture {
 }
 
 impl Capture {
-    /// Opens the set's source and this stage's channels, and says that it is ready.
-    pub fn open(service: &Service) -> anyhow::Result<Self> {
-        let sheet = service.config("sheet", SheetParams::check)?;
-        let config = service.config("capture", CaptureParams::check)?;
-        let source = orime_capture::open(&config, &sheet)?;
+    /// Opens the set's source and this stage's channels, and says that it is ready. A source takes
+    /// its time, so it is opened before the run is joined where its predecessor does not hold it.
+    pub fn open(beginning: Beginning) -> anyhow::Result<Self> {
+        let sheet = beginning.config("sheet", SheetParams::check)?;
+        let config = beginning.config("capture", CaptureParams::check)?;
+        let open = || orime_capture::open(&config, &sheet);
+        let early = if config.is_device() { None } else { Some(open()?) };
+        let service = beginning.join()?;
+        let source = early.map_or_else(open, Ok)?;
         let tells = source.tells_grippers();
         let capture = Self {
             grippers: tells.then(|| service.publish(&channel::GRIPPER)).transpose()?,

@@ -1,5 +1,6 @@
 //! The commands of `orime-evaluate`.
 
+mod attach;
 mod compare;
 mod cpd;
 mod creases;
@@ -39,6 +40,7 @@ Examples:
   orime-evaluate creases --seeds 5 --json creases.json
   orime-evaluate faults --json faults.json
   orime-evaluate soak --seconds 1200 --kill-every-s 30 --json soak.json
+  orime-evaluate attach --turns 12 --seconds 10
   orime-evaluate cpd --source model.csv --target cloud.csv --out moved.csv --beta 2 --lambda 2
 
 What each figure means stands beside its name in services/evaluate/src/summary.rs, and how it is
@@ -60,6 +62,8 @@ enum Command {
     Faults(faults::FaultsArguments),
     /// Kill stages of a running set again and again, and look whether it comes back each time.
     Soak(soak::SoakArguments),
+    /// What an attached probe changes of the times that it measures.
+    Attach(attach::AttachArguments),
     /// Register two point files by textbook Coherent Point Drift.
     Cpd(cpd::CpdArguments),
     /// Register a sheet to a cloud, once, from files.
@@ -77,6 +81,7 @@ pub fn run(arguments: Arguments) -> anyhow::Result<()> {
         Command::Sweep(arguments) => sweep::run(&arguments),
         Command::Faults(arguments) => faults::run(&arguments),
         Command::Soak(arguments) => soak::run(&arguments),
+        Command::Attach(arguments) => attach::run(&arguments),
         Command::Cpd(arguments) => cpd::run(&arguments),
         Command::Stability(arguments) => stability::run(&arguments),
         Command::Register(arguments) => register::run(&arguments),

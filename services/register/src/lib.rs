@@ -23,6 +23,7 @@ mod params;
 mod projector;
 mod refine;
 mod registrar;
+mod rig;
 mod score;
 pub mod textbook;
 mod track;

@@ -90,6 +90,10 @@ pub struct RegisterParams {
     /// Learn what each camera's depth errs by as a whole, from contour and other cameras, and
     /// correct it. Default true.
     pub learn_depth_bias: bool,
+    /// Learn while tracking how far each camera stands from where its calibration says, and take it
+    /// to stand there; without a mean over the cameras. For cameras that were nudged or drift.
+    /// Default false.
+    pub refine_cameras: bool,
     /// Give every node a target instead of the control points (every other node) alone.
     /// Default true; false is the paper.
     pub targets_everywhere: bool,
@@ -123,6 +127,7 @@ impl Default for RegisterParams {
             visibility: true,
             unseen_confidence: f64::from(UNSEEN_CONFIDENCE),
             learn_depth_bias: true,
+            refine_cameras: false,
             targets_everywhere: true,
             explained_min: 0.85,
         }
@@ -155,6 +160,7 @@ impl RegisterParams {
             visibility: _,
             unseen_confidence,
             learn_depth_bias: _,
+            refine_cameras: _,
             targets_everywhere: _,
             explained_min,
         } = self;

@@ -8,6 +8,7 @@ use crate::features::Fusion;
 use crate::first_pose;
 use crate::params::{RegisterConfig, RegisterMode, RegisterParams};
 use crate::refine::Refinement;
+use crate::rig::Rig;
 use crate::score::Score;
 use crate::track::{Effort, Termination, TrackReport, Tracker};
 use orime_creases::Folds;
@@ -59,6 +60,8 @@ pub struct RegisterReport {
     pub inlier_ratio: f32,
     /// Observed points that were not finite.
     pub points_rejected: u32,
+    /// Farthest that a camera's correction moves what it sees, metres; 0 without `refine_cameras`.
+    pub camera_shift_m: f32,
     /// Why the iterations ended.
     pub termination: Termination,
 }
@@ -81,6 +84,7 @@ pub struct Registrar {
     fusion: Fusion,
     cloud: Cloud,
     bias: DepthBias,
+    rig: Rig,
     points: Vec<ObservedPoint>,
     nodes_m: Vec<[f32; 3]>,
     has_pose: bool,
@@ -135,6 +139,7 @@ impl Registrar {
             template_m,
             cloud: Cloud::default(),
             bias: DepthBias::default(),
+            rig: Rig::default(),
             points: Vec::new(),
             nodes_m: flat,
             has_pose: false,
@@ -231,8 +236,11 @@ impl Registrar {
             return report;
         }
         self.look_at(observed);
+        if self.params.refine_cameras {
+            report.camera_shift_m = self.rig.shift_m(&self.points);
+        }
         let known = predicted_m.filter(|x| self.has_pose && x.len() == self.sheet.len());
-        let mut tracked = known.map(|state| self.track(observed, state, confidence, is_late));
+        let mut tracked = known.map(|state| self.track(state, confidence, is_late));
         let explained_min = self.params.explained_min;
         let outlined_min = self.outlined_usual - OUTLINE_DROP;
         let explains =
@@ -277,17 +285,20 @@ impl Registrar {
         if let Some(folds) = observed.folds {
             self.tracker.refold(folds);
         }
+        self.rig.fit_to(observed.cameras);
+        if self.params.refine_cameras {
+            self.rig.correct(&mut self.points);
+        }
         self.bias.fit_to(observed.cameras);
         let bias = &mut self.bias;
         let points = self.points.iter().map(|p| (bias.corrected(p), p.camera));
         self.cloud.fill(points, self.tracker.cell_m());
-        self.tracker.outline.fill(observed.edgels, observed.cameras);
+        self.tracker.outline.fill(observed.edgels, self.rig.cameras());
     }
 
     /// Goes on from where the nodes are expected.
     fn track(
         &mut self,
-        observed: &Observation<'_>,
         expected_m: &[[f32; 3]],
         confidence: &mut [f32],
         is_late: &dyn Fn() -> bool,
@@ -295,7 +306,7 @@ impl Registrar {
         self.nodes_m.clear();
         self.nodes_m.extend_from_slice(expected_m);
         if self.params.visibility {
-            self.tracker.judge_visibility(observed.cameras, &self.nodes_m);
+            self.tracker.judge_visibility(self.rig.cameras(), &self.nodes_m);
         }
         let strain = f64::from(self.tracker.strain(&self.nodes_m));
         self.strain_usual = STRAIN_KEPT * self.strain_usual + (1.0 - STRAIN_KEPT) * strain;
@@ -307,6 +318,12 @@ impl Registrar {
         if self.params.learn_depth_bias && fit.iterations > 0 {
             let rays = self.tracker.rays(&self.cloud, &fit, &self.bias.eyes_m);
             self.bias.learn(&rays);
+        }
+        if self.params.refine_cameras && fit.iterations > 0 {
+            let bias = &mut self.bias;
+            let set_right = |p: &mut ObservedPoint| p.position_m = bias.corrected(p);
+            self.points.iter_mut().for_each(set_right);
+            self.rig.learn(&self.points, &self.nodes_m, &self.sheet.triangles());
         }
         (fit, self.score())
     }

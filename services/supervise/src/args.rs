@@ -134,6 +134,10 @@ pub struct Up {
     /// The time that restarts are counted in, seconds.
     #[arg(long, default_value_t = 60.0)]
     pub restart_window_s: f64,
+    /// Do not keep a spare process of each stage of a set in realtime, ready to take the place of
+    /// one that dies: less memory, slower restarts.
+    #[arg(long)]
+    pub no_spares: bool,
     /// Write the stages' logs as one JSON object per line. RUST_LOG decides what is logged.
     #[arg(long)]
     pub log_json: bool,

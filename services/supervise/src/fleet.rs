@@ -1,6 +1,6 @@
 //! The processes of a set: started in order, restarted one by one, ended together.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
@@ -11,8 +11,10 @@ use rustix::process::Signal;
 
 use crate::exit::Failure;
 use crate::policy::{Budget, History};
-use crate::process::{Launch, Process, Said};
+use crate::process::{Launch, Part, Process, Said};
 
+/// Time from one spare's start to the next one's: the set is not to feel it.
+const SPARE_PAUSE: Duration = Duration::from_secs(1);
 /// Time from SIGTERM to SIGKILL.
 const TERMINATE: Duration = Duration::from_secs(2);
 
@@ -30,6 +32,11 @@ pub struct Fleet<'a> {
     /// Those that run, or have ended and were not replaced.
     pub processes: Vec<Process>,
     pending: Vec<Pending>,
+    /// Processes that wait for one of their stage to die.
+    spares: Vec<Process>,
+    spare_started: Instant,
+    /// Stages whose spare has ended by itself: another one would do the same.
+    without_spare: BTreeSet<Stage>,
     histories: BTreeMap<Stage, History>,
     budget: Budget,
     said_by: Option<Sender<Said>>,
@@ -46,6 +53,9 @@ impl<'a> Fleet<'a> {
             launch,
             processes: Vec::new(),
             pending: Vec::new(),
+            spares: Vec::new(),
+            spare_started: Instant::now(),
+            without_spare: BTreeSet::new(),
             histories: BTreeMap::new(),
             budget,
             said_by: Some(said_by),
@@ -55,11 +65,38 @@ impl<'a> Fleet<'a> {
     }
 
     /// Starts a stage, or its successor.
-    pub fn start(&mut self, stage: Stage, resume: Option<Resume>) -> Result<(), Failure> {
+    pub fn start(&mut self, stage: Stage, part: Part) -> Result<(), Failure> {
         let Some(said_by) = &self.said_by else { return Ok(()) };
-        let process = self.launch.start(stage, resume, said_by)?;
-        self.processes.retain(|other| other.stage != stage);
+        let process = self.launch.start(stage, part, said_by)?;
+        self.place(process);
+        Ok(())
+    }
+
+    fn place(&mut self, process: Process) {
+        self.processes.retain(|other| other.stage != process.stage);
         self.processes.push(process);
+    }
+
+    /// Starts one of the spares that are missing, if it is time to.
+    pub fn keep_spares(&mut self) -> Result<(), Failure> {
+        let without = &mut self.without_spare;
+        self.spares.retain_mut(|spare| {
+            let runs = spare.runs();
+            if !runs {
+                without.insert(spare.stage);
+            }
+            runs
+        });
+        let Some(said_by) = &self.said_by else { return Ok(()) };
+        let has_spare = |stage: &Stage| {
+            self.without_spare.contains(stage) || self.spares.iter().any(|p| p.stage == *stage)
+        };
+        let missing = Stage::PIPELINE.into_iter().find(|stage| !has_spare(stage));
+        let Some(stage) = missing.filter(|_| self.spare_started.elapsed() > SPARE_PAUSE) else {
+            return Ok(());
+        };
+        self.spare_started = Instant::now();
+        self.spares.push(self.launch.start(stage, Part::Spare, said_by)?);
         Ok(())
     }
 
@@ -134,12 +171,21 @@ impl<'a> Fleet<'a> {
     /// Starts the successor of a stage, once the members of the run that died were cleared.
     pub fn restart(&mut self, stage: Stage, resume: Resume, guest: &Guest) -> Result<(), Failure> {
         guest.clear_dead_members();
-        if stage == Stage::Capture
-            && let Some(set) = self.source.take()
-        {
+        let other = self.source.take_if(|_| stage == Stage::Capture);
+        let spare = self.spares.iter().position(|spare| spare.stage == stage);
+        let spare = spare.map(|at| self.spares.remove(at));
+        if let Some(set) = other {
+            // Its spare has opened the source before.
             self.launch.source = Some((set, resume.next_set));
+            return self.start(stage, Part::Successor(resume));
         }
-        self.start(stage, Some(resume))
+        self.spare_started = Instant::now();
+        let told = self.launch.resume(stage, resume);
+        match spare.and_then(|mut spare| spare.take_turn(told).then_some(spare)) {
+            Some(successor) => self.place(successor),
+            None => self.start(stage, Part::Successor(resume))?,
+        }
+        Ok(())
     }
 
     /// Has capture's successor take the source of this set file; no change where there is none.
@@ -165,6 +211,7 @@ impl<'a> Fleet<'a> {
     /// Ends what still runs: SIGTERM, a moment, SIGKILL; everything is reaped.
     pub fn end(&mut self) {
         self.pending.clear();
+        self.spares.clear();
         for process in &mut self.processes {
             process.signal(Signal::TERM);
             // One that was stopped hears only after this.

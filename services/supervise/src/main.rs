@@ -9,6 +9,7 @@ mod control;
 mod doctor;
 mod doubts;
 mod effects;
+mod ending;
 mod events;
 mod exit;
 mod fleet;

@@ -1,17 +1,17 @@
 //! One process of a set: started, listened to, ended, reaped.
 
 use std::fs::{File, OpenOptions};
-use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
+use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom, Write};
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
 use std::sync::mpsc::Sender;
 use std::time::{Duration, Instant};
 
 use orime_messages::{PROTOCOL, Stage};
 use orime_runtime::{
     CAMERAS_VARIABLE, LOG_VARIABLE, PARENT_VARIABLE, PROTOCOL_VARIABLE, RESUME_VARIABLE,
-    RUN_VARIABLE, Resume, RunId,
+    RUN_VARIABLE, Resume, RunId, SPARE_VARIABLE,
 };
 use rustix::process::{Pid, Signal, kill_process_group};
 
@@ -44,6 +44,8 @@ pub struct Process {
     pub is_ready: bool,
     /// Why it was ended from here, if it was.
     pub ended_because: Option<&'static str>,
+    /// Of a spare: where it is told that its turn has come.
+    turn: Option<ChildStdin>,
     child: Child,
     status: Option<ExitStatus>,
     ended: Option<Instant>,
@@ -70,22 +72,25 @@ pub struct Launch<'a> {
     pub source: Option<(PathBuf, u64)>,
 }
 
+/// How a process comes to its part.
+#[derive(Debug, Clone, Copy)]
+pub enum Part {
+    /// It is the first of its stage.
+    First,
+    /// It takes the place of one that has ended.
+    Successor(Resume),
+    /// It waits for one to end, see [`Process::take_turn`].
+    Spare,
+}
+
 impl Launch<'_> {
     /// Starts a stage; what it prints goes to `said`, what it logs to `OUT/logs/STAGE.log`, after
     /// what its predecessor logged if it goes on where that one ended.
-    pub fn start(
-        &self,
-        stage: Stage,
-        resume: Option<Resume>,
-        said: &Sender<Said>,
-    ) -> Result<Process, Failure> {
+    pub fn start(&self, stage: Stage, part: Part, said: &Sender<Said>) -> Result<Process, Failure> {
         let program = program(stage)?;
-        let other = self.source.as_ref().filter(|_| stage == Stage::Capture);
-        let set = other.map_or(self.set, |(set, _)| set.as_path());
-        let began = |resume| Resume { source_began: other.map_or(0, |(_, step)| *step), ..resume };
-        let resume = resume.map(began);
+        let set = self.source_of(stage).map_or(self.set, |(set, _)| set.as_path());
         let log = self.out.join("logs").join(format!("{}.log", stage.name()));
-        let log_file = open_log(&log, resume.is_some())?;
+        let log_file = open_log(&log, !matches!(part, Part::First))?;
         let mut command = Command::new(&program);
         if stage == Stage::Judge {
             command.arg("watch").arg(set).arg("--out").arg(self.out);
@@ -101,11 +106,16 @@ impl Launch<'_> {
         if self.log_json {
             command.env(LOG_VARIABLE, "json");
         }
-        if let Some(resume) = resume {
-            let text = serde_json::to_string(&resume)
-                .map_err(|error| Failure::machine(error.to_string()))?;
-            command.env(RESUME_VARIABLE, text);
+        match part {
+            Part::First => {}
+            Part::Successor(resume) => {
+                let text = serde_json::to_string(&self.resume(stage, resume))
+                    .map_err(|error| Failure::machine(error.to_string()))?;
+                command.env(RESUME_VARIABLE, text);
+            }
+            Part::Spare => _ = command.env(SPARE_VARIABLE, "1"),
         }
+        let is_spare = matches!(part, Part::Spare);
         let mut child = command
             // A log ends in what went wrong, not in where this program noticed.
             .env("RUST_LIB_BACKTRACE", "0")
@@ -113,7 +123,7 @@ impl Launch<'_> {
             .env(CAMERAS_VARIABLE, self.cameras.to_string())
             .env(PROTOCOL_VARIABLE, PROTOCOL)
             .env(PARENT_VARIABLE, std::process::id().to_string())
-            .stdin(Stdio::null())
+            .stdin(if is_spare { Stdio::piped() } else { Stdio::null() })
             .stdout(Stdio::piped())
             .stderr(log_file)
             // Out of the terminal's group: what a Ctrl-C means is decided here.
@@ -130,6 +140,8 @@ impl Launch<'_> {
                         return;
                     }
                 }
+                // Its output ends with it: whoever waits for a word looks at once how it is.
+                let _ = said.send(Said { stage, pid, line: String::new() });
             });
         }
         Ok(Process {
@@ -138,18 +150,35 @@ impl Launch<'_> {
             started: Instant::now(),
             is_ready: false,
             ended_because: None,
+            turn: child.stdin.take(),
             child,
             status: None,
             ended: None,
         })
     }
+
+    /// What a successor is told.
+    pub fn resume(&self, stage: Stage, resume: Resume) -> Resume {
+        let source_began = self.source_of(stage).map_or(0, |(_, step)| *step);
+        Resume { source_began, ..resume }
+    }
+
+    /// The source that has taken the place of capture's own.
+    fn source_of(&self, stage: Stage) -> Option<&(PathBuf, u64)> {
+        self.source.as_ref().filter(|_| stage == Stage::Capture)
+    }
 }
 
 /// Opens a stage's log; a successor goes on where its predecessor ended.
 fn open_log(log: &Path, goes_on: bool) -> Result<File, Failure> {
-    let opened =
-        OpenOptions::new().create(true).write(true).append(goes_on).truncate(!goes_on).open(log);
-    opened.map_err(|error| Failure::machine(format!("writing `{}`: {error}", log.display())))
+    let cannot =
+        |error: io::Error| Failure::machine(format!("writing `{}`: {error}", log.display()));
+    // Always at the end: a stage and its spare write to one file.
+    let file = OpenOptions::new().create(true).append(true).open(log).map_err(cannot)?;
+    if !goes_on {
+        file.set_len(0).map_err(cannot)?;
+    }
+    Ok(file)
 }
 
 /// The program of a stage, beside this one.
@@ -171,6 +200,14 @@ pub fn program(stage: Stage) -> Result<PathBuf, Failure> {
 }
 
 impl Process {
+    /// Tells a spare that it is to take the place of one that has ended; `false` if it cannot.
+    pub fn take_turn(&mut self, resume: Resume) -> bool {
+        let Some(mut turn) = self.turn.take() else { return false };
+        self.started = Instant::now();
+        let Ok(text) = serde_json::to_string(&resume) else { return false };
+        writeln!(turn, "{text}").is_ok() && self.runs()
+    }
+
     /// Its process id.
     pub fn pid(&self) -> u32 {
         self.child.id()

@@ -15,7 +15,7 @@ use serde::Serialize;
 use crate::args::Replay;
 use crate::check::{CheckedSet, check};
 use crate::exit::{Exit, Failure};
-use crate::process::{Launch, Process};
+use crate::process::{Launch, Part, Process};
 use crate::up::DEFAULT_SET;
 
 /// Time that the stage may take for one message.
@@ -141,7 +141,7 @@ impl Player<'_> {
             source: None,
         };
         let (said_by, said) = lines();
-        let mut process = launch.start(stage, None, &said_by)?;
+        let mut process = launch.start(stage, Part::First, &said_by)?;
         let start = Instant::now();
         while start.elapsed() < PATIENCE && process.runs() {
             match said.recv_timeout(Duration::from_millis(50)) {

@@ -38,7 +38,7 @@ pub struct Summary {
     pub drops: BTreeMap<String, BTreeMap<String, u64>>,
     /// All of them.
     pub drops_total: u64,
-    /// Shared-memory objects that the run left after its processes; they were removed.
+    /// Shared-memory objects that the run's processes left when all had gone; they were removed.
     pub shared_memory_left: usize,
     /// The judge's own summary.
     pub judge: Option<Value>,
@@ -154,7 +154,10 @@ impl Summary {
                 restart.messages_lost.unwrap_or(0),
             );
         }
-        println!("  shared memory  removed, {} objects were left", self.shared_memory_left);
+        match self.shared_memory_left {
+            0 => println!("  shared memory  nothing is left"),
+            left => println!("  shared memory  {left} objects were left, and removed"),
+        }
         println!("  written        {}", self.out.display());
         for path in &self.written {
             println!("                 {}", path.display());

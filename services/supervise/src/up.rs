@@ -16,6 +16,7 @@ use rustix::fs::{FlockOperation, flock};
 use crate::args::Up;
 use crate::asked::Asked;
 use crate::check::{CheckedSet, check, exit_of};
+use crate::ending::Ending;
 use crate::events::Events;
 use crate::exit::{Exit, Failure};
 use crate::notify::Notify;
@@ -23,7 +24,7 @@ use crate::policy::Budget;
 use crate::progress::Progress;
 use crate::recording::Recording;
 use crate::summary::{JUDGE_SUMMARY_NAME, RecordingSummary, Summary, judge_summary, written};
-use crate::watch::{Deadlines, Ending, Watch};
+use crate::watch::{Deadlines, Watch};
 
 /// The set that runs when none is named.
 pub const DEFAULT_SET: &str = include_str!("../../../deploy/sets/half_fold.toml");
@@ -51,11 +52,12 @@ pub fn up(args: &Up, json: bool) -> Result<Exit, Failure> {
     }
     let ended = match begin(args, json, &set, &entry, run, record) {
         Ok(mut watch) => {
-            watch.run(&set, run, &out, !args.no_judge, &asked).map(|ending| (watch, ending))
+            let ending = watch.run(&set, run, &out, !args.no_judge, &asked);
+            ending.map(|ending| (watch.leave(), ending))
         }
         Err(failure) => Err(failure),
     };
-    let left = shared_memory_of(run).map_or(0, |left| left.len());
+    let left = shared_memory_of(run).map_or(0, |left| holding(&left));
     let cleaned = clean(run).and_then(|_| shared_memory_of(run));
     let unregistered = entry.unregister();
     match cleaned {
@@ -64,15 +66,15 @@ pub fn up(args: &Up, json: bool) -> Result<Exit, Failure> {
         Err(error) => return Err(Failure::machine(format!("removing shared memory: {error}"))),
     }
     unregistered.map_err(|error| Failure::machine(format!("clearing the registry: {error}")))?;
-    let (mut watch, ending) = ended?;
-    watch.progress.close();
+    let (mut watched, ending) = ended?;
+    watched.progress.close();
     let is_lossy = set.file.pace == Pace::Lockstep
-        && watch.recoveries.iter().any(|recovery| recovery.of() != Stage::Judge);
+        && watched.recoveries.iter().any(|recovery| recovery.of() != Stage::Judge);
     let summary = Summary {
-        restarts: watch.recoveries,
-        events: watch.events.into_list(),
-        recording: watch.recording.map(|recording| RecordingSummary::of(recording.close())),
-        ..summarise(&set, run, &out, &watch.progress, &ending, left)
+        restarts: watched.recoveries,
+        events: watched.events.into_list(),
+        recording: watched.recording.map(|recording| RecordingSummary::of(recording.close())),
+        ..summarise(&set, run, &out, &watched.progress, &ending, left)
     };
     write_summary(&summary, &out, json)?;
     Ok(match ending {
@@ -89,6 +91,13 @@ pub fn up(args: &Up, json: bool) -> Result<Exit, Failure> {
             Exit::SetFailed
         }
     })
+}
+
+/// How many of these objects hold something: iceoryx2 leaves a file of 16 bytes for each run, its
+/// list of nodes, whatever becomes of them.
+fn holding(objects: &[PathBuf]) -> usize {
+    let is_list = |path: &&PathBuf| path.extension().is_some_and(|name| name == "global_mgmt");
+    objects.len() - objects.iter().filter(is_list).count()
 }
 
 /// Takes the output folder for this supervisor alone, as long as the file is open: two that write
@@ -251,6 +260,7 @@ fn begin(
         ending_since: [None; 2],
         record_stages: args.record_stages,
         log_json: args.log_json,
+        spares: !args.no_spares,
         quiet: json,
     })
 }

@@ -13,12 +13,13 @@ use crate::asked::Asked;
 use crate::check::CheckedSet;
 use crate::clocks::{ClockEvent, Clocks, Reading};
 use crate::control::{self, Wish};
+use crate::ending::{Ending, Watched, failed};
 use crate::events::{Events, Kind};
 use crate::exit::Failure;
 use crate::fleet::Fleet;
 use crate::notify::Notify;
 use crate::policy::Budget;
-use crate::process::{Launch, Process, Said};
+use crate::process::{Launch, Part, Process, Said};
 use crate::progress::Progress;
 use crate::recording::Recording;
 use crate::recovery::Recovery;
@@ -36,19 +37,6 @@ const LAST_WORDS: Duration = Duration::from_secs(1);
 const RECORDS_WAY: Duration = Duration::from_millis(15);
 /// Why a process ends that is to be restarted.
 const ASKED: &str = "was asked to hand over";
-
-/// How a set ended.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Ending {
-    /// Its source ended.
-    Finished,
-    /// Somebody asked it to stop, and it did.
-    Stopped,
-    /// Somebody asked twice: ended at once.
-    Interrupted,
-    /// Something went wrong; what, and the end of its log.
-    Failed(String),
-}
 
 /// How long what may take.
 #[derive(Debug, Clone, Copy)]
@@ -76,6 +64,8 @@ pub struct Watch {
     pub record_stages: bool,
     /// Whether stages log JSON.
     pub log_json: bool,
+    /// Whether a spare process of each stage waits for one to die.
+    pub spares: bool,
     /// No live line.
     pub quiet: bool,
     /// What happens besides the work.
@@ -93,6 +83,12 @@ pub struct Watch {
 }
 
 impl Watch {
+    /// Leaves the run: from here on this process holds nothing of its shared memory.
+    pub fn leave(self) -> Watched {
+        let Self { progress, recoveries, events, recording, .. } = self;
+        Watched { progress, recoveries, events, recording }
+    }
+
     /// Starts everything, consumers first, and watches until nothing is left.
     pub fn run(
         &mut self,
@@ -114,12 +110,12 @@ impl Watch {
         let listeners = [judge.then_some(Stage::Judge), record.map(|_| Stage::Record)];
         let consumers = [Stage::Simulate, Stage::Register, Stage::Segment];
         for stage in listeners.into_iter().flatten().chain(consumers) {
-            fleet.start(stage, None)?;
+            fleet.start(stage, Part::First)?;
         }
         let ending = match self.await_ready(&mut fleet, asked) {
             Some(ending) => ending,
             None => {
-                fleet.start(Stage::Capture, None)?;
+                fleet.start(Stage::Capture, Part::First)?;
                 self.register(&fleet)?;
                 self.progress.moved_ns = now_ns();
                 self.notify.ready(&format!("run {run}"));
@@ -199,6 +195,7 @@ impl Watch {
             }
             self.restart_due(fleet)?;
             self.look_at_recoveries(fleet);
+            self.keep_spares(fleet)?;
             if let Some(ending) = self.look_for_hung(fleet) {
                 return Ok(ending);
             }
@@ -307,6 +304,19 @@ impl Watch {
             self.progress.moved_ns = now_ns();
             let goes_on = format!("is started again, from step {}", resume.wanted());
             self.note(Kind::Started, Some(stage), goes_on);
+        }
+        Ok(())
+    }
+
+    /// Has spares wait where the set runs as it should. In lockstep, where a set that lost a stage
+    /// has failed anyway, there are none.
+    fn keep_spares(&self, fleet: &mut Fleet<'_>) -> Result<(), Failure> {
+        let is_quiet = self.progress.figures.steps() > 0
+            && self.ending_since.iter().all(Option::is_none)
+            && !self.recoveries.iter().any(Recovery::is_open)
+            && !fleet.is_disturbed();
+        if is_quiet && self.spares && self.entry.pace == Pace::Realtime {
+            fleet.keep_spares()?;
         }
         Ok(())
     }
@@ -480,14 +490,4 @@ impl Watch {
             eprintln!("orime: {error}");
         }
     }
-}
-
-fn failed(process: &mut Process, what: &str) -> Ending {
-    let tail = process.log_tail();
-    let log = process.log.display();
-    let name = process.stage.name();
-    if tail.is_empty() {
-        return Ending::Failed(format!("stage `{name}`: {what}; its log `{log}` is empty"));
-    }
-    Ending::Failed(format!("stage `{name}`: {what}; its log `{log}` ends:\n{tail}"))
 }

@@ -43,8 +43,8 @@ pub use run::{
     user_name,
 };
 pub use service::{
-    CAMERAS_VARIABLE, PARENT_VARIABLE, PROTOCOL_VARIABLE, READY, RESUME_VARIABLE, RUN_VARIABLE,
-    Service,
+    Beginning, CAMERAS_VARIABLE, PARENT_VARIABLE, PROTOCOL_VARIABLE, READY, RESUME_VARIABLE,
+    RUN_VARIABLE, SPARE_VARIABLE, Service,
 };
 pub use set_file::{DATA_VARIABLE, SECTIONS, SetError, SetFile, data_dir, expand};
 pub use stop::{Stop, die_with_parent};

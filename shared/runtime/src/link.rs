@@ -59,7 +59,9 @@ impl Link {
         let dir = identity.run.ipc_dir();
         make_private_dir(&dir)
             .map_err(|source| RuntimeError::RunDir { path: dir.clone(), source })?;
-        let config = config(identity.run, &dir)?;
+        // A guest may follow one that was killed, of which nobody else knows.
+        let is_guest = identity.stage == Stage::Judge || identity.stage == Stage::Record;
+        let config = config(identity.run, &dir, is_guest)?;
         let name = NodeName::new(identity.stage.name())
             .map_err(|error| RuntimeError::channel("node", "naming", error))?;
         let node = NodeBuilder::new()
@@ -257,9 +259,14 @@ fn service_name<M>(channel: &Channel<M>) -> Result<ServiceName, RuntimeError> {
         .map_err(|error| RuntimeError::channel(channel.name, "naming", error))
 }
 
-fn config(run: RunId, dir: &Path) -> Result<Config, RuntimeError> {
+fn config(run: RunId, dir: &Path, clears_dead: bool) -> Result<Config, RuntimeError> {
     let naming = |error| RuntimeError::channel("node", "naming the run's files", error);
     let mut config = Config::default();
+    // The supervisor clears what the dead left, before it starts a successor: whoever joins or
+    // leaves in between would only look at every member of the run again, for each channel.
+    config.global.service.cleanup_dead_nodes_on_open = false;
+    config.global.node.cleanup_dead_nodes_on_destruction = false;
+    config.global.node.cleanup_dead_nodes_on_creation = clears_dead;
     config.global.prefix = FileName::new(run.prefix().as_bytes()).map_err(naming)?;
     let root = iceoryx2::prelude::Path::new(dir.as_os_str().as_bytes()).map_err(naming)?;
     config.global.set_root_path(&root);

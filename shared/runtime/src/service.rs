@@ -31,6 +31,9 @@ pub const PARENT_VARIABLE: &str = "ORIME_PARENT";
 pub const PROTOCOL_VARIABLE: &str = "ORIME_PROTOCOL";
 /// Environment variable: a [`Resume`] as JSON, for a process that takes another one's place.
 pub const RESUME_VARIABLE: &str = "ORIME_RESUME";
+/// Environment variable: set for a spare, a process that waits for one of its stage to die. It is
+/// told its [`Resume`] as a line of JSON on standard input.
+pub const SPARE_VARIABLE: &str = "ORIME_SPARE";
 /// First word of the line on standard output that says that a process is ready.
 pub const READY: &str = "ready";
 
@@ -42,16 +45,28 @@ pub struct Service {
     link: Link,
 }
 
-impl Service {
+/// A process of a set that has not joined it yet: what can be prepared before that is no delay for
+/// the others.
+#[derive(Debug)]
+pub struct Beginning {
+    stage: Stage,
+    set: SetFile,
+    run: RunId,
+    cameras: usize,
+    stop: Stop,
+    /// `None` inside: a spare, which is told on standard input.
+    resume: Option<Option<Resume>>,
+}
+
+impl Beginning {
     /// Begins a stage: `PROGRAM SET`, with what the supervisor says in the environment.
-    pub fn start(stage: Stage) -> Result<Self, RuntimeError> {
+    pub fn of(stage: Stage) -> Result<Self, RuntimeError> {
         let set = std::env::args_os().nth(1).map(PathBuf::from);
         let set = set.ok_or_else(|| not_supervised(stage, "SET"))?;
-        Self::start_with(stage, &set)
+        Self::with(stage, &set)
     }
 
-    /// Begins a process of a set that finds the set file's path in its own way.
-    pub fn start_with(stage: Stage, set: &Path) -> Result<Self, RuntimeError> {
+    fn with(stage: Stage, set: &Path) -> Result<Self, RuntimeError> {
         let variable =
             |name: &'static str| std::env::var(name).map_err(|_| not_supervised(stage, name));
         let run: RunId =
@@ -75,16 +90,59 @@ impl Service {
         let stop = Stop::on_terminate()
             .map_err(|source| RuntimeError::System { action: "handling signals", source })?;
         let set = SetFile::load(set)?;
-        let incarnation = now_ns() ^ (u64::from(std::process::id()) << 40);
-        let resume = match std::env::var(RESUME_VARIABLE) {
-            Ok(text) => Some(
-                serde_json::from_str(&text).map_err(|_| not_supervised(stage, RESUME_VARIABLE))?,
-            ),
-            Err(_) => None,
+        let resume = match (std::env::var(RESUME_VARIABLE), std::env::var(SPARE_VARIABLE)) {
+            (Ok(text), _) => Some(Some(resume(stage, &text)?)),
+            (Err(_), Ok(_)) => Some(None),
+            (Err(_), Err(_)) => None,
         };
+        Ok(Self { stage, set, run, cameras, stop, resume })
+    }
+
+    /// A section of the set, checked; every problem of it in one error.
+    pub fn config<P: DeserializeOwned, C>(
+        &self,
+        section: &str,
+        check: impl FnOnce(&P) -> Result<C, Vec<Problem>>,
+    ) -> Result<C, RuntimeError> {
+        Ok(self.set.checked(section, check)?)
+    }
+
+    /// Joins the run; a spare does so once the process has died whose place it takes.
+    pub fn join(self) -> Result<Service, RuntimeError> {
+        let Self { stage, set, run, cameras, stop, resume } = self;
+        let resume = match resume {
+            Some(None) => Some(told(stage)?),
+            resume => resume.flatten(),
+        };
+        let incarnation = now_ns() ^ (u64::from(std::process::id()) << 40);
         let identity = Identity { run, pace: set.pace, cameras, stage, incarnation, resume };
         let link = Link::join(identity, stop)?;
-        Ok(Self { stage, set, link })
+        Ok(Service { stage, set, link })
+    }
+}
+
+fn resume(stage: Stage, text: &str) -> Result<Resume, RuntimeError> {
+    serde_json::from_str(text).map_err(|_| not_supervised(stage, RESUME_VARIABLE))
+}
+
+/// What a spare is told when its turn has come.
+fn told(stage: Stage) -> Result<Resume, RuntimeError> {
+    let mut text = String::new();
+    io::stdin()
+        .read_line(&mut text)
+        .map_err(|source| RuntimeError::System { action: "waiting for its turn", source })?;
+    resume(stage, &text)
+}
+
+impl Service {
+    /// Begins a stage and joins the run, see [`Beginning`].
+    pub fn start(stage: Stage) -> Result<Self, RuntimeError> {
+        Beginning::of(stage)?.join()
+    }
+
+    /// Begins a process of a set that finds the set file's path in its own way.
+    pub fn start_with(stage: Stage, set: &Path) -> Result<Self, RuntimeError> {
+        Beginning::with(stage, set)?.join()
     }
 
     /// The set file.

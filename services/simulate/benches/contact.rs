@@ -1,9 +1,9 @@
 //! What contact costs: `cargo bench -p orime-simulate --no-default-features --bench contact`.
 //!
-//! Per scene and size of the sheet: milliseconds of processor time a frame (median, maximum) with contact and without,
-//! and what contact is of it; then how the cost grows, as an exponent of the number of nodes. The
-//! targets are exact folds with smooth noise, new in every frame, so that nothing settles for
-//! good. `-- SCENE NODES` plays one scene of one size, for `perf`.
+//! Per scene and size of the sheet: milliseconds of processor time a frame (median, maximum) with
+//! contact and without, and what contact adds; then how that grows, as an exponent of the number
+//! of nodes. The targets are exact folds with smooth noise, new in every frame, so that nothing
+//! settles for good. `-- SCENE NODES` plays one scene of one size, for `perf`.
 
 use orime_geometry::SheetGrid;
 use orime_origami::{FoldLine, Sequence, Sheet, Timing};
@@ -91,57 +91,71 @@ fn disturb(grid: &SheetGrid, targets_m: &mut [[f32; 3]], seed: &mut u64) {
     }
 }
 
-/// Milliseconds a frame at the end of a scene, ascending, and contacts of the last one.
-fn play(scene: &Scene, nodes: usize, contact: bool) -> (Vec<f64>, u32) {
-    let grid = SheetGrid::new([SIDE_M; 2], [nodes; 2]);
+/// Milliseconds a frame at the end of a scene, with contact and without.
+struct Played {
+    on_ms: Vec<f64>,
+    off_ms: Vec<f64>,
+    /// Contacts of the last frame.
+    constraints: u32,
+}
+
+fn model(scene: &Scene, grid: &SheetGrid, contact: bool) -> SheetModel {
     let mut params = SimulateParams::default();
     params.folds.plan = scene.plan.to_vec();
     if !contact {
         params.effects.retain(|effect| *effect != Effect::SelfContact);
     }
     let config = params.check().expect("the bench's own parameters are good");
-    let mut model = SheetModel::new(&config, &grid, 0.08, None);
+    SheetModel::new(&config, grid, 0.08, None)
+}
+
+/// Both side by side, so that what else slows the machine slows both.
+fn play(scene: &Scene, nodes: usize) -> Played {
+    let grid = SheetGrid::new([SIDE_M; 2], [nodes; 2]);
+    let mut models = [true, false].map(|contact| model(scene, &grid, contact));
     let sequence = (scene.make)();
     let mut pose = sequence.pose(0.0);
     let confidence = vec![1.0; grid.len()];
-    let (mut seed, mut ms, mut constraints) = (1, Vec::new(), 0);
+    let (mut seed, mut ms, mut constraints) = (1, [Vec::new(), Vec::new()], 0);
     for frame in 0..scene.frames + TIMED {
         let share = (frame as f64 / scene.frames as f64).min(1.0);
         sequence.update(&mut pose, scene.progress * share);
         let position = |uv| sequence.position_m(&pose, uv).coords.cast::<f32>().into();
         let mut targets: Vec<[f32; 3]> = grid.uv_m().map(position).collect();
         disturb(&grid, &mut targets, &mut seed);
-        let start = thread_s();
-        let report = model.step(FRAME_S, &targets, &confidence, frame == 0);
-        if frame >= scene.frames {
-            ms.push((thread_s() - start) * 1e3);
+        for (k, model) in models.iter_mut().enumerate() {
+            let start = thread_s();
+            let report = model.step(FRAME_S, &targets, &confidence, frame == 0);
+            if frame >= scene.frames {
+                ms[k].push((thread_s() - start) * 1e3);
+            }
+            constraints = constraints.max(report.contact.constraints);
         }
-        constraints = report.contact.constraints;
     }
-    let facets = model.folds().facets().len();
-    assert_eq!(facets > 1, scene.frames > 0, "{}: {facets} facets", scene.name);
-    ms.sort_by(f64::total_cmp);
-    (ms, constraints)
+    let facets = models[0].folds().facets().len();
+    assert!(facets > 1, "{}: {facets} facets", scene.name);
+    let [on_ms, off_ms] = ms;
+    Played { on_ms, off_ms, constraints }
 }
 
-fn median(ms: &[f64]) -> f64 {
-    ms[ms.len() / 2]
+/// Median and greatest.
+fn spread(mut ms: Vec<f64>) -> [f64; 2] {
+    ms.sort_by(f64::total_cmp);
+    [ms[ms.len() / 2], ms[ms.len() - 1]]
 }
 
 /// Prints a line; the median of what contact costs, milliseconds.
 fn measure(scene: &Scene, nodes: usize) -> f64 {
-    let (on, constraints) = play(scene, nodes, true);
-    let (off, _) = play(scene, nodes, false);
-    let contact_ms = median(&on) - median(&off);
+    let Played { on_ms, off_ms, constraints } = play(scene, nodes);
+    let each = on_ms.iter().zip(&off_ms).map(|(on, off)| on - off).collect();
+    let ([on, max], [off, _], [contact, _]) = (spread(on_ms), spread(off_ms), spread(each));
     println!(
-        "{:12} {nodes:4}²  {:8.2}  {:8.2}  {:8.2}  {contact_ms:8.2}  {:6.1} %  {constraints:7}",
+        "{:12} {nodes:4}²  {on:8.2}  {max:8.2}  {off:8.2}  {contact:8.3}  {:6.1} %  \
+         {constraints:7}",
         scene.name,
-        median(&on),
-        on[on.len() - 1],
-        median(&off),
-        1e2 * contact_ms / median(&off),
+        1e2 * contact / off,
     );
-    contact_ms
+    contact
 }
 
 fn main() {

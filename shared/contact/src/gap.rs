@@ -29,8 +29,10 @@ impl Gaps<'_> {
         of_f: (&[u32], &[f64]),
         of_g: (&[u32], &[f64]),
     ) -> f64 {
-        let nodes_m =
-            self.topology.from_creases_m(of_f.0).min(self.topology.from_creases_m(of_g.0));
+        let nodes_m = self
+            .topology
+            .away_from_creases_m(of_f.0)
+            .min(self.topology.away_from_creases_m(of_g.0));
         let least_m = nodes_m - OUTSIDE * self.topology.mesh.spacing_max_m;
         if self.params.gap_slope * least_m >= self.params.thickness_m {
             return self.params.thickness_m; // Far from all creases.

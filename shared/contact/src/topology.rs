@@ -134,7 +134,7 @@ impl Topology {
     /// Distance of a node from the nearest corner that two facets share, metres; infinite for none.
     /// Distance of the nearest of some nodes from any crease, metres; infinite without creases.
     /// Corners that facets share lie on creases.
-    pub fn from_creases_m(&self, nodes: &[u32]) -> f64 {
+    pub fn away_from_creases_m(&self, nodes: &[u32]) -> f64 {
         let each = nodes.iter().map(|n| self.from_creases_m[*n as usize]);
         f64::from(each.fold(f32::INFINITY, f32::min))
     }

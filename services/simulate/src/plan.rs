@@ -68,8 +68,8 @@ impl PlanLog {
 
     /// The lines that may be folded at an exposure; exposures ascend.
     pub fn at(&mut self, exposure_ns: u64) -> &[[[f64; 2]; 2]] {
-        while let Some((_, plan)) = self.said.pop_front_if(|(from_ns, _)| *from_ns <= exposure_ns) {
-            self.holds = plan;
+        while self.said.front().is_some_and(|(from_ns, _)| *from_ns <= exposure_ns) {
+            self.holds = self.said.pop_front().map(|(_, plan)| plan).unwrap_or_default();
         }
         let open = self.holds.iter().filter(|line| line.valid_from_ns <= exposure_ns);
         self.lines.clear();

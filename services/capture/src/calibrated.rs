@@ -8,7 +8,7 @@ use orime_params::{Checker, Problem};
 use serde::{Deserialize, Serialize};
 
 use crate::source::{Advance, Losses};
-use crate::{FrameError, FrameReport, FrameSource, Gripper, OpenError};
+use crate::{FrameError, FrameReport, FrameSource, Gripper, OpenError, PlannedFold};
 
 /// What the target of `orime calibrate` is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -160,6 +160,10 @@ impl FrameSource for CalibratedSource {
 
     fn truth_m(&self, step: u64, sheet: &SheetGrid, nodes_m: &mut [[f32; 3]]) -> bool {
         self.inner.truth_m(step, sheet, nodes_m)
+    }
+
+    fn fold_plan(&self) -> Vec<PlannedFold> {
+        self.inner.fold_plan()
     }
 
     fn tells_grippers(&self) -> bool {

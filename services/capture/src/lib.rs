@@ -24,4 +24,4 @@ pub use rendered::{
     FaultParams, FaultPreset, Model, Occluder, Printed, RenderedConfig, RenderedParams,
     SequenceKind, ViewParams, Viewpoints,
 };
-pub use source::{Advance, FrameError, FrameReport, FrameSource, Losses};
+pub use source::{Advance, FrameError, FrameReport, FrameSource, Losses, PlannedFold};

@@ -39,7 +39,7 @@ pub use params::{RenderedConfig, RenderedParams, SequenceKind};
 pub use views::{Model, ViewParams, Viewpoints};
 
 use crate::playback::{After, Playback};
-use crate::{FrameError, FrameReport, FrameSource, OpenError};
+use crate::{FrameError, FrameReport, FrameSource, OpenError, PlannedFold};
 use camera::VirtualCamera;
 use faults::Faults;
 use ink::Ink;
@@ -55,6 +55,7 @@ pub(crate) struct RenderedSource {
     seed: u64,
     faults: Faults,
     tells_grippers: bool,
+    tells_plan: bool,
     noise: NoiseTile,
     paper: Texture,
     ink: Option<Ink>,
@@ -66,6 +67,8 @@ pub(crate) struct RenderedSource {
 
 /// The nearest that any point of the sheet may come to a lens, metres.
 const NEAR_M: f64 = 0.1;
+/// A crease with a greater angle is being folded.
+const FOLDS_RAD: f64 = 1e-3;
 
 impl RenderedSource {
     pub(crate) fn open(
@@ -107,6 +110,7 @@ impl RenderedSource {
             period_ns: (1e9 / p.rate_hz).round() as u64,
             seed: p.seed,
             tells_grippers: p.gripper_poses,
+            tells_plan: p.fold_plan,
             noise: NoiseTile::new(p.seed, p.size_px, faults.noise_correlation_px),
             paper: Texture::paper(p.seed),
             ink,
@@ -182,6 +186,26 @@ impl FrameSource for RenderedSource {
             *node = sequence.position_m(&pose, uv).coords.cast::<f32>().into();
         }
         true
+    }
+
+    fn fold_plan(&self) -> Vec<PlannedFold> {
+        if !self.tells_plan {
+            return Vec::new();
+        }
+        let sequence = self.scene.sequence();
+        let mut pose = sequence.pose(0.0);
+        let mut plan: Vec<PlannedFold> = Vec::new();
+        for step in 0..self.playback.frames {
+            sequence.update(&mut pose, self.progress(step, 0.0));
+            for crease in sequence.creases() {
+                let is_new = plan.iter().all(|fold| fold.ends_uv_m != crease.ends_uv_m);
+                if is_new && sequence.crease_angle_rad(&pose, crease).abs() > FOLDS_RAD {
+                    let valid_from_ns = self.exposure_ns(step.saturating_sub(1), 0);
+                    plan.push(PlannedFold { ends_uv_m: crease.ends_uv_m, valid_from_ns });
+                }
+            }
+        }
+        plan
     }
 
     fn tells_grippers(&self) -> bool {

@@ -4,11 +4,12 @@
 use std::time::Duration;
 
 use orime_capture::{
-    Advance, CaptureParams, FrameError, FrameReport, FrameSource, Gripper, Losses,
+    Advance, CaptureParams, FrameError, FrameReport, FrameSource, Gripper, Losses, PlannedFold,
 };
 use orime_geometry::{RgbdFrameMut, SheetGrid, SheetParams};
 use orime_messages::{
-    Drops, FrameExtent, FrameStatus, GRIPPERS_MAX, GripperMeta, Grippers, Header, Truth,
+    Drops, FoldPlan, FrameExtent, FrameStatus, GRIPPERS_MAX, GripperMeta, Grippers, Header,
+    PLAN_LINES_MAX, PlanLineMeta, Truth,
 };
 use orime_runtime::{
     Beginning, FramePublisher, FrameWritten, Publisher, Recorder, Stop, Work, channel, now_ns,
@@ -30,6 +31,9 @@ pub struct Capture {
     truths: Publisher<Truth>,
     /// Absent where the source tells no grippers: the channel is a robot's then.
     grippers: Option<Publisher<Grippers>>,
+    /// Absent where the source tells no plan: the channel is a robot's then.
+    plans: Option<Publisher<FoldPlan>>,
+    plan: Vec<PlannedFold>,
     /// The grippers of the step at hand.
     held: Vec<Gripper>,
     recorder: Recorder,
@@ -53,8 +57,12 @@ impl Capture {
         let service = beginning.join()?;
         let source = early.map_or_else(open, Ok)?;
         let tells = source.tells_grippers();
+        let plan = source.fold_plan();
+        let planned = !plan.is_empty();
         let capture = Self {
             grippers: tells.then(|| service.publish(&channel::GRIPPER)).transpose()?,
+            plans: planned.then(|| service.publish(&channel::PLAN)).transpose()?,
+            plan,
             held: Vec::with_capacity(GRIPPERS_MAX),
             frames: service.publish_frames(source.cameras())?,
             truths: service.publish(&channel::TRUTH)?,
@@ -77,6 +85,9 @@ impl Capture {
     /// Publishes until the source ends or somebody asks to stop; then the end of the stream.
     pub fn run(mut self) -> anyhow::Result<()> {
         let mut step = self.first_step;
+        if !self.publish_plan(step)? {
+            return Ok(());
+        }
         let begin_ns = now_ns().saturating_sub(step * self.period_ns);
         while !self.stop.requested() {
             self.wait_until(begin_ns + step * self.period_ns);
@@ -99,6 +110,9 @@ impl Capture {
         self.truths.send_end(&last)?;
         if let Some(grippers) = &mut self.grippers {
             grippers.send_end(&last)?;
+        }
+        if let Some(plans) = &mut self.plans {
+            plans.send_end(&last)?;
         }
         self.frames.send_end(&last)?;
         self.recorder.ended(&last, self.drops)?;
@@ -170,6 +184,22 @@ impl Capture {
                     is_holding: 1,
                     reserved: 0,
                 };
+            }
+        })?;
+        Ok(sent.is_some())
+    }
+
+    /// Publishes what will be folded, before the first frames; `false` if asked to stop meanwhile.
+    fn publish_plan(&mut self, step: u64) -> anyhow::Result<bool> {
+        let exposure_ns = self.source.exposure_ns(self.of_source(step), 0);
+        let Some(publisher) = &mut self.plans else { return Ok(true) };
+        let lineage = Header { step, exposure_ns, arrival_ns: now_ns(), ..self.header };
+        let plan = &self.plan;
+        let sent = publisher.send_with(&lineage, |message| {
+            message.n_lines = plan.len().min(PLAN_LINES_MAX) as u32;
+            for (meta, fold) in message.lines.iter_mut().zip(plan) {
+                let PlannedFold { ends_uv_m, valid_from_ns } = *fold;
+                *meta = PlanLineMeta { ends_uv_m, valid_from_ns };
             }
         })?;
         Ok(sent.is_some())

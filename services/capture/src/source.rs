@@ -46,6 +46,15 @@ pub struct Losses {
     pub returns: u64,
 }
 
+/// A line that will be folded.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlannedFold {
+    /// Two points of it, (u, v), metres.
+    pub ends_uv_m: [[f64; 2]; 2],
+    /// From which exposure of camera 0 on it may be folded, nanoseconds.
+    pub valid_from_ns: u64,
+}
+
 /// A source of RGB-D frames: rendered, recorded or live.
 pub trait FrameSource: Send {
     /// The cameras, in the order of their indices; constant over the source's life.
@@ -84,6 +93,11 @@ pub trait FrameSource: Send {
     /// Writes where the sheet's nodes truly are at `step`, world frame, metres, index order of
     /// `sheet`, at the exposure of camera 0; `false` where the source does not know.
     fn truth_m(&self, step: u64, sheet: &SheetGrid, nodes_m: &mut [[f32; 3]]) -> bool;
+
+    /// The lines that will be folded, as a robot that folds knows them; empty where nobody does.
+    fn fold_plan(&self) -> Vec<PlannedFold> {
+        Vec::new()
+    }
 
     /// Whether [`Self::grippers`] says anything, at any step. Default: it does not.
     fn tells_grippers(&self) -> bool {

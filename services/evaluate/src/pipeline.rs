@@ -1,13 +1,13 @@
 //! The four stages in one process, in lockstep: what the service set computes, without processes.
 
-use orime_capture::{FrameSource, Gripper};
+use orime_capture::{FrameSource, Gripper, PlannedFold};
 use orime_creases::Folds;
 use orime_geometry::{
     Edgel, Feature, ObservedPoint, RgbdCamera, RgbdFrame, RgbdFrameMut, SheetGrid,
 };
 use orime_register::{Observation, RegisterConfig, RegisterReport, Registrar, Tracking};
 use orime_segment::{ObservedMut, SegmentConfig, SegmentReport, Segmenter};
-use orime_simulate::{Grip, ModelReport, SheetModel, SimulateConfig};
+use orime_simulate::{Grip, ModelReport, PlanLog, PlannedLine, SheetModel, SimulateConfig};
 use std::time::Instant;
 
 use crate::summary::StageMs;
@@ -58,6 +58,7 @@ pub struct Pipeline {
     confidence: Vec<f32>,
     held: Vec<Gripper>,
     grips: Vec<Grip>,
+    plan: PlanLog,
     truth_m: Vec<[f32; 3]>,
     has_truth: bool,
     has_pose: bool,
@@ -115,6 +116,7 @@ impl Pipeline {
             confidence: vec![0.0; sheet.len()],
             held: Vec::new(),
             grips: Vec::new(),
+            plan: told_plan(source.as_ref(), &sheet),
             truth_m: vec![[0.0; 3]; sheet.len()],
             has_truth: false,
             has_pose: false,
@@ -205,6 +207,7 @@ impl Pipeline {
         self.grips.clear();
         self.grips.extend(self.held.iter().map(grip));
         self.model.set_grips(&self.grips);
+        self.model.set_plan(self.plan.at(exposure_ns));
         self.has_pose |= register.reset;
         if self.has_pose {
             let (targets_m, confidence) = (&self.targets_m, &self.confidence);
@@ -261,6 +264,18 @@ impl Pipeline {
     pub fn truth_m(&self) -> Option<&[[f32; 3]]> {
         self.has_truth.then_some(self.truth_m.as_slice())
     }
+}
+
+/// What the source tells of folds to come.
+fn told_plan(source: &dyn FrameSource, sheet: &SheetGrid) -> PlanLog {
+    let line = |fold: &PlannedFold| PlannedLine {
+        ends_uv_m: fold.ends_uv_m,
+        valid_from_ns: fold.valid_from_ns,
+    };
+    let mut log = PlanLog::new();
+    let lines: Vec<PlannedLine> = source.fold_plan().iter().map(line).collect();
+    log.note(source.exposure_ns(0, 0), &lines, sheet);
+    log
 }
 
 fn timed<T>(clock: Option<fn() -> f64>, ms: &mut f64, work: impl FnOnce() -> T) -> T {

@@ -3,19 +3,27 @@
 //!
 //! Per size of the sheet: links, microseconds a frame (the least of many), nanoseconds and cycles
 //! of the time stamp counter a link and substep; then how stretch falls with substeps, and what
-//! that costs. `-- --frames N NODES [EFFECT,...]` runs N frames of one size and nothing else, for
+//! that costs, beside a plain loop over the same links; `-- --stretch` prints that alone.
+//! `-- --frames N NODES [EFFECT,...]` runs N frames of one size and nothing else, for
 //! callgrind (`tests/effect_costs`) and `perf stat`; effects beyond the links and track are named
 //! but have nothing to do.
+
+mod plain;
 
 use orime_geometry::SheetGrid;
 use orime_simulate::{
     AirDragParams, Backend, Batch, BendParams, Effect, Pulls, SimulateParams, Simulator,
     TrackParams,
 };
+use plain::Plain;
 use std::time::Instant;
 
 const SUBSTEPS: u32 = 20;
 const FRAME_S: f64 = 1.0 / 60.0;
+const SIDE_M: f64 = 0.21;
+const DRAG_PER_S: f64 = 3.0;
+/// Frames that a sheet hangs.
+const FRAMES_HUNG: usize = 240;
 
 /// Links 1–4, inextensible, hung by two corners.
 fn hung(effects: &[Effect], nodes: usize, substeps: u32) -> (Simulator, SheetGrid, Vec<f32>) {
@@ -29,10 +37,10 @@ fn hung(effects: &[Effect], nodes: usize, substeps: u32) -> (Simulator, SheetGri
             acceleration_max_m_per_s2: 1e6,
             ..TrackParams::default()
         },
-        air_drag: AirDragParams { per_s: 3.0 },
+        air_drag: AirDragParams { per_s: DRAG_PER_S },
         ..SimulateParams::default()
     };
-    let sheet = SheetGrid::new([0.21, 0.21], [nodes, nodes]);
+    let sheet = SheetGrid::new([SIDE_M; 2], [nodes, nodes]);
     let config = params.check().expect("the bench's own parameters are good");
     let simulator = Simulator::new(&config, &sheet, 0.08, None);
     let mut confidence = vec![0.0; sheet.len()];
@@ -180,6 +188,9 @@ fn main() {
         );
         return;
     }
+    if arguments.iter().any(|argument| argument == "--stretch") {
+        return stretches();
+    }
     println!("links 1-4, {SUBSTEPS} substeps, one core; least of many frames");
     println!("  nodes   links  damped  us/frame  ns/link  ticks/link  us/link-scaled-to-25");
     let mut at_25 = 0.0;
@@ -203,13 +214,39 @@ fn main() {
         }
     }
     backends();
-    println!("25x25 hung by two corners, 240 frames of 1/60 s (design/simulate.md, fact 1)");
-    println!("  substeps  largest stretch %  settled %  us/frame");
+    stretches();
+}
+
+/// How stretch falls with substeps, here and in a plain loop over the links.
+fn stretches() {
+    println!(
+        "25x25 hung by two corners, {FRAMES_HUNG} frames of 1/60 s (design/simulate.md, fact 1)"
+    );
+    println!("  substeps  largest stretch %  settled %  us/frame  plain: largest %  settled %");
     for substeps in [5, 10, 20, 40, 80, 160] {
-        let ([worst, settled], least_s, _) = hung_in(substeps, 240);
-        let [worst, settled] = [worst, settled].map(|strain| strain * 1e2);
-        println!("  {substeps:8}  {worst:17.3}  {settled:9.3}  {:8.1}", least_s * 1e6);
+        let ([worst, settled], least_s, _) = hung_in(substeps, FRAMES_HUNG);
+        let plain = plainly_hung(substeps);
+        let [worst, settled, plain_worst, plain_settled] =
+            [worst, settled, plain[0], plain[1]].map(|strain| strain * 1e2);
+        println!(
+            "  {substeps:8}  {worst:17.3}  {settled:9.3}  {:8.1}  {plain_worst:16.3}  \
+             {plain_settled:9.3}",
+            least_s * 1e6
+        );
     }
+}
+
+/// Largest and last stretch of the plain loop's sheet.
+fn plainly_hung(substeps: u32) -> [f64; 2] {
+    let mut sheet = Plain::hung(SIDE_M as f32, 25);
+    let grid = SheetGrid::new([SIDE_M; 2], [25; 2]);
+    let (mut worst, mut last) = (0f64, 0.0);
+    for _ in 0..FRAMES_HUNG {
+        sheet.frame(FRAME_S as f32, substeps, DRAG_PER_S as f32);
+        last = strain_max(sheet.positions_m(), &grid);
+        worst = worst.max(last);
+    }
+    [worst, last]
 }
 
 /// Largest and last stretch of a sheet that is pinned by two corners, least and median seconds a

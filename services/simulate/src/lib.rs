@@ -13,6 +13,7 @@ mod gpu;
 mod grips;
 mod model;
 mod params;
+mod plan;
 mod simulator;
 mod solver;
 
@@ -27,6 +28,7 @@ pub use params::{
     DampingKind, DampingParams, FacetsParams, GravityParams, GrippersParams, PredictParams,
     SimulateConfig, SimulateParams, TableParams, TrackParams,
 };
+pub use plan::{PlanLog, PlannedLine};
 #[cfg(feature = "gpu")]
 pub use simulator::Chosen;
 pub use simulator::{

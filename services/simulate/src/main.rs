@@ -1,5 +1,6 @@
 //! `orime-simulate`: targets in, sheet states out. The sheet's story is in `lib.rs`.
 
+mod between;
 mod service;
 
 use orime_messages::Stage;

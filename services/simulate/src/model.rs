@@ -44,6 +44,7 @@ pub struct SheetModel {
     shares: Vec<f32>,
     positions_m: Vec<[f32; 3]>,
     predicted_m: Vec<[f32; 3]>,
+    expected_m: Vec<[f32; 3]>,
 }
 
 impl SheetModel {
@@ -69,6 +70,7 @@ impl SheetModel {
             shares: Vec::new(),
             positions_m: simulator.positions_m().to_vec(),
             predicted_m: simulator.positions_m().to_vec(),
+            expected_m: simulator.positions_m().to_vec(),
             simulator,
         }
     }
@@ -116,6 +118,24 @@ impl SheetModel {
     /// What holds the sheet from now on, see [`Simulator::set_grips`].
     pub fn set_grips(&mut self, grips: &[Grip]) {
         self.simulator.set_grips(grips);
+    }
+
+    /// Lines that are about to be folded from now on, beside those of the config: two material
+    /// points each, metres.
+    pub fn set_plan(&mut self, lines: &[[[f64; 2]; 2]]) {
+        self.finder.set_plan(lines);
+    }
+
+    /// Where the nodes are expected `ahead_s` after the last step, as [`SheetModel::predicted_m`].
+    /// Leaves everything as it is.
+    pub fn expect_m(&mut self, ahead_s: f64) -> &[[f32; 3]] {
+        self.expected_m.copy_from_slice(self.simulator.predict(ahead_s));
+        if self.simulator.folds().facets().len() > 1
+            && let Some(contact) = &mut self.contact
+        {
+            contact.project(&mut self.expected_m, self.simulator.folds());
+        }
+        &self.expected_m
     }
 
     /// The simulator, to be set up before the first step.
@@ -216,6 +236,50 @@ mod tests {
             let [above_m, below_m] = [n, below].map(|k| model.positions_m()[k][2]);
             assert!(above_m > below_m, "{uv:?}: {above_m} m over {below_m} m");
         }
+    }
+
+    #[test]
+    fn asking_what_to_expect_changes_nothing() {
+        let ((mut asked, sheet), (mut silent, _)) = (model(), model());
+        let sure = vec![1.0; sheet.len()];
+        for degree in 0..=180 {
+            let targets = folded(&sheet, f64::from(degree).to_radians());
+            for model in [&mut asked, &mut silent] {
+                model.step(1.0 / 30.0, &targets, &sure, degree == 0);
+            }
+            for share in [0.25, 0.5, 1.0] {
+                let expected_m = asked.expect_m(share / 30.0).to_vec();
+                // A whole frame ahead is what the state says anyway.
+                assert!(share < 1.0 || expected_m == asked.predicted_m());
+            }
+            assert_eq!(asked.positions_m(), silent.positions_m());
+            assert_eq!(asked.predicted_m(), silent.predicted_m());
+        }
+        assert_eq!(asked.folds().creases().len(), 1);
+        let moved = |(a, b): (&[f32; 3], &[f32; 3])| (0..3).any(|k| (a[k] - b[k]).abs() > 1e-5);
+        let early_m = asked.expect_m(0.5 / 30.0).to_vec();
+        assert!(early_m.iter().zip(asked.positions_m()).any(moved), "it is still on its way");
+    }
+
+    #[test]
+    fn a_plan_that_comes_later_frees_its_crease_sooner() {
+        let first_crease = |plan: &[[[f64; 2]; 2]], from: i32| {
+            let (mut model, sheet) = model();
+            let sure = vec![1.0; sheet.len()];
+            (0..90).find(|degree| {
+                if *degree == from {
+                    model.set_plan(plan);
+                }
+                let targets = folded(&sheet, f64::from(*degree).to_radians());
+                model.step(1.0 / 30.0, &targets, &sure, *degree == 0);
+                !model.folds().creases().is_empty()
+            })
+        };
+        let middle = [[[0.075, 0.0], [0.075, 0.15]]];
+        let [without, with] = [&[][..], &middle].map(|plan| first_crease(plan, 3).unwrap());
+        assert!(with < without && with > 3, "{with} with a plan, {without} without");
+        // One for another place changes nothing.
+        assert_eq!(first_crease(&[[[0.02, 0.0], [0.02, 0.15]]], 3), Some(without));
     }
 
     #[test]

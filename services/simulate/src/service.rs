@@ -1,17 +1,23 @@
 //! simulate as a process: advances the sheet by each set of targets and publishes its state.
 //!
 //! Grippers are looked at when targets come, and never waited for: in lockstep capture has sent
-//! theirs before the frames that the targets were made of.
+//! theirs before the frames that the targets were made of. So are plans of what will be folded.
 
+use crate::between::{Between, Due};
 use orime_geometry::{SheetGrid, SheetParams};
-use orime_messages::{FoldsMeta, GripperMeta, Grippers, Header, SheetState, Targets};
+use orime_messages::{
+    FoldPlan, FoldsMeta, GripperMeta, Grippers, Header, PlanLineMeta, RegisterFigures, SheetState,
+    Targets,
+};
 use orime_runtime::{
     Aside, Pace, Publisher, Received, Recorder, Resume, Service, Subscription, Work, channel,
     now_ns,
 };
 use orime_simulate::{
-    Effect, Effects, Grip, GripLog, SheetModel, SimulateParams, Simulator, frame_s,
+    Effect, Effects, Grip, GripLog, PlanLog, PlannedLine, SheetModel, SimulateParams, Simulator,
+    frame_s,
 };
+use std::time::Duration;
 
 /// Number of a sheet that is followed, as register says it.
 const TRACKING: u32 = 1;
@@ -28,7 +34,14 @@ pub struct Simulate {
     targets: Subscription<Targets>,
     /// Only where the scene names them.
     grippers: Option<(Aside<Grippers>, GripLog)>,
+    plans: Aside<FoldPlan>,
+    plan: PlanLog,
     states: Publisher<SheetState>,
+    /// Only where states between frames are asked for, and in realtime.
+    predictions: Option<Publisher<SheetState>>,
+    between: Between,
+    /// Header and figures of the newest state.
+    newest: Option<(Header, RegisterFigures)>,
     recorder: Recorder,
     header: Header,
     exposure_before_ns: Option<u64>,
@@ -54,7 +67,14 @@ impl Simulate {
         let density = params.density_kg_per_m2;
         let mut model = SheetModel::new(&config, &sheet, density, rest_m.as_deref());
         choose_backend(model.simulator_mut())?;
+        let per_frame = simulate.predict.per_frame;
+        let is_between = per_frame > 0 && service.set().pace == Pace::Realtime;
         let simulate = Self {
+            plans: service.aside(&channel::PLAN)?,
+            plan: PlanLog::new(),
+            predictions: is_between.then(|| service.publish(&channel::PREDICTION)).transpose()?,
+            between: Between::new(if is_between { per_frame } else { 0 }),
+            newest: None,
             model,
             pace: service.set().pace,
             effects: simulate.effects.iter().copied().collect(),
@@ -114,6 +134,15 @@ impl Simulate {
     }
 
     fn next_targets(&mut self) -> anyhow::Result<Option<Received<Targets>>> {
+        while let Some(due) = self.between.next() {
+            // One instant at a time: what is late is given up.
+            let wait = Duration::from_nanos(due.at_ns.saturating_sub(now_ns()));
+            if let Some(targets) = self.targets.newest_within(wait)? {
+                return Ok(Some(targets));
+            }
+            self.between.take();
+            self.publish_prediction(due)?;
+        }
         // Register, if it is restarted, goes on from the newest state: nobody sends one meanwhile.
         let states = &self.states;
         let greet = || states.greet();
@@ -140,11 +169,54 @@ impl Simulate {
         Ok(())
     }
 
+    /// Publishes where the sheet is expected between two frames, on a channel of its own.
+    fn publish_prediction(&mut self, due: Due) -> anyhow::Result<()> {
+        let (Some(predictions), Some((newest, figures))) = (&mut self.predictions, self.newest)
+        else {
+            return Ok(());
+        };
+        let (model, sheet) = (&mut self.model, &self.sheet);
+        let lineage = Header { exposure_ns: due.exposure_ns, ..newest };
+        predictions.send_prediction(&lineage, |state| {
+            state.figures = figures;
+            state.n_nodes = sheet.len() as u32;
+            (state.has_pose, state.targets_rejected) = (1, 0);
+            state.nodes = sheet.nodes.map(|nodes| nodes as u32);
+            state.size_m = sheet.size_m;
+            state.folds.set(model.folds());
+            state.predicted_m[..sheet.len()].copy_from_slice(model.predicted_m());
+            state.positions_m[..sheet.len()].copy_from_slice(model.expect_m(due.ahead_s));
+        })?;
+        Ok(())
+    }
+
+    /// Takes over what is planned at an instant.
+    fn hear_plans(&mut self, exposure_ns: u64) -> anyhow::Result<()> {
+        while let Some(message) = self.plans.try_next()? {
+            if message.header.is_end() {
+                continue;
+            }
+            let line = |line: &PlanLineMeta| PlannedLine {
+                ends_uv_m: line.ends_uv_m,
+                valid_from_ns: line.valid_from_ns,
+            };
+            let lines = message.lines().map(|lines| lines.iter().map(line).collect::<Vec<_>>());
+            let from_ns = message.header.exposure_ns;
+            if !lines.is_some_and(|lines| self.plan.note(from_ns, &lines, &self.sheet)) {
+                let n_lines = message.n_lines;
+                tracing::warn!(n_lines, "a fold plan makes no sense and is left out");
+            }
+        }
+        self.model.set_plan(self.plan.at(exposure_ns));
+        Ok(())
+    }
+
     /// Publishes the state after one set of targets; `false` if asked to stop while waiting.
     fn publish_state(&mut self, targets: &Received<Targets>) -> anyhow::Result<bool> {
         let dt_s = frame_s(self.exposure_before_ns, targets.header.exposure_ns);
         self.exposure_before_ns = Some(targets.header.exposure_ns);
         self.hear_grippers(targets.header.exposure_ns)?;
+        self.hear_plans(targets.header.exposure_ns)?;
         // Targets of a sheet that is followed are a pose, where there is none to move towards it.
         let is_pose = targets.figures.tracking == TRACKING;
         let reset = targets.figures.reset != 0 || (self.takes_over && is_pose);
@@ -180,6 +252,10 @@ impl Simulate {
             work.end_ns = now_ns();
         })?;
         let Some(sent) = sent else { return Ok(false) };
+        self.newest = has_pose.then_some((sent.header, targets.figures));
+        if has_pose {
+            self.between.begin(sent.header.exposure_ns, sent.header.publish_ns, dt_s);
+        }
         self.recorder.published(&sent.header, work, self.targets.drops())?;
         Ok(true)
     }

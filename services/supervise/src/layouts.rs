@@ -2,7 +2,8 @@
 
 use orime_messages::layout::{Layout, Shape};
 use orime_messages::{
-    FrameMeta, Grippers, Message, ObservedCloud, PROTOCOL, SheetState, StageRecord, Targets, Truth,
+    FoldPlan, FrameMeta, Grippers, Message, ObservedCloud, PROTOCOL, SheetState, StageRecord,
+    Targets, Truth,
 };
 use orime_runtime::channel;
 use serde_json::{Map, Value, json};
@@ -25,6 +26,8 @@ fn all() -> Value {
         channel::STATE.name: message::<SheetState>(&mut structs),
         channel::TRUTH.name: message::<Truth>(&mut structs),
         channel::GRIPPER.name: message::<Grippers>(&mut structs),
+        channel::PLAN.name: message::<FoldPlan>(&mut structs),
+        channel::PREDICTION.name: message::<SheetState>(&mut structs),
         channel::RECORD.name: message::<StageRecord>(&mut structs),
     });
     let frame = json!({

@@ -3,12 +3,13 @@
 //! Where facets are flat, the edges where one of them ends are enough; where they bend, ridges
 //! meet too.
 
+use crate::candidates::{Candidates, Row};
 use crate::gap::Gaps;
 use crate::near::Near;
 use crate::order::Order;
 use crate::pose::Pose;
-use crate::push::{Worst, weighted_push};
-use crate::topology::Topology;
+use crate::push::{ROUNDING_M, Worst, weighted_push};
+use crate::runs::{Contact, Room};
 use nalgebra::Vector3;
 
 /// Edges farther than this from the other facet's plane, on one side, are no contact, metres.
@@ -31,7 +32,7 @@ const CLEAR_INSIDE_M: f64 = 2.5e-4;
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct EdgeEdge {
     nodes: [u32; 4],
-    facet: u8,
+    facets: [u8; 2],
     sign: f64,
     gap_m: f64,
 }
@@ -45,10 +46,10 @@ struct Pair<'a> {
     g: usize,
 }
 
-/// Fills `found` with the contacts of a round. `local`: room for one position per node.
+/// Fills `found` with the contacts of a round.
 pub(crate) fn find(
     found: &mut Vec<EdgeEdge>,
-    local: &mut [[f64; 3]],
+    candidates: &mut Candidates,
     gaps: &Gaps,
     near: &Near,
     order: &Order,
@@ -62,48 +63,30 @@ pub(crate) fn find(
             if order.sign(f, g) == 0 {
                 continue;
             }
-            let slack_m = to_plane(gaps.topology, &poses[g], [f, g], x, local);
+            let inside = f < g && poses[f].normal.dot(&poses[g].normal).abs() > STACKED_COSINE;
+            let (rows, local) = candidates.of(gaps.topology, &poses[g], [f, g], inside, x);
             let pair = Pair { gaps, near, order, f, g };
-            for edge in &gaps.topology.facets[f].boundary {
-                pair.against(*edge, slack_m, local, found);
-            }
-            if f < g && poses[f].normal.dot(&poses[g].normal).abs() > STACKED_COSINE {
-                for edge in &gaps.topology.facets[f].interior {
-                    pair.against(*edge, slack_m, local, found);
-                }
+            for row in rows {
+                pair.against(row, local, found);
             }
         }
     }
 }
 
-/// (u, v, height) over facet `g` for the nodes of both; how far those of `g` are from where they
-/// are in its material, metres.
-fn to_plane(
-    topology: &Topology,
-    pose: &Pose,
-    facets: [usize; 2],
-    x: &[Vector3<f64>],
-    local: &mut [[f64; 3]],
-) -> f64 {
-    let mut slack_m = 0f64;
-    for facet in facets {
-        for (node, _) in &topology.facets[facet].core {
-            let ([u, v], height) = pose.local_m(&x[*node as usize]);
-            local[*node as usize] = [u, v, height];
-        }
-        // The edges at the boundary have ends outside.
-        for edge in &topology.facets[facet].boundary {
-            for node in topology.mesh.edges[*edge as usize] {
-                let ([u, v], height) = pose.local_m(&x[node as usize]);
-                local[node as usize] = [u, v, height];
-            }
-        }
-    }
-    for (node, _) in &topology.facets[facets[1]].core {
-        let ([u, v], [a, b, _]) = (topology.mesh.uv_m[*node as usize], local[*node as usize]);
-        slack_m = slack_m.max((u - a).abs()).max((v - b).abs());
-    }
-    slack_m
+/// Whether two segments lie beside each other in the plane.
+fn beside([a, b]: [[f64; 3]; 2], [c, d]: [[f64; 3]; 2]) -> bool {
+    let apart = |axis: usize| {
+        c[axis].max(d[axis]) < a[axis].min(b[axis]) || c[axis].min(d[axis]) > a[axis].max(b[axis])
+    };
+    apart(0) || apart(1)
+}
+
+/// No crossing of two segments is less high than this, in the direction of `sign`, metres.
+fn least_height_m([a, b]: [f64; 2], [c, d]: [f64; 2], sign: f64) -> f64 {
+    let [a, b, c, d] = [a, b, c, d].map(|height_m| sign * height_m);
+    // A little may lie outside of the ends, and rounding.
+    let outside_m = 2.0 * OUTSIDE * ((a - b).abs() + (c - d).abs()) + ROUNDING_M;
+    a.min(b) - c.max(d) - outside_m
 }
 
 /// Where two segments cross in the plane, as shares of their lengths.
@@ -122,29 +105,17 @@ fn crossing([a, b]: [[f64; 3]; 2], [c, d]: [[f64; 3]; 2]) -> Option<[f64; 2]> {
 }
 
 impl Pair<'_> {
-    /// The contacts of one boundary edge of `f` with all edges of `g`.
-    fn against(&self, edge: u32, slack_m: f64, local: &[[f64; 3]], found: &mut Vec<EdgeEdge>) {
+    /// The contacts of one edge of `f` with those edges of `g` that may cross it.
+    fn against(&self, row: Row<'_>, local: &[[f64; 3]], found: &mut Vec<EdgeEdge>) {
         let topology = self.gaps.topology;
-        let [p, q] = topology.mesh.edges[edge as usize];
-        let [a, b] = [p, q].map(|n| local[n as usize]);
-        if self.is_on_crease([p, q], self.g)
-            || (a[2].abs().min(b[2].abs()) > REACH_M && a[2] * b[2] > 0.0)
-            || self.is_contested(topology.of_edge[edge as usize], self.f, self.g)
+        let [a, b] = topology.mesh.edges[row.edge as usize].map(|n| local[n as usize]);
+        if (a[2].abs().min(b[2].abs()) > REACH_M && a[2] * b[2] > 0.0)
+            || self.is_contested(topology.of_edge[row.edge as usize], self.f, self.g)
         {
             return;
         }
-        let low = [0, 1].map(|axis| a[axis].min(b[axis]) - slack_m);
-        let high = [0, 1].map(|axis| a[axis].max(b[axis]) + slack_m);
-        let (from, to) = (topology.mesh.cell(low), topology.mesh.cell(high));
-        let [rows, columns] = topology.mesh.sheet.nodes;
-        // Edges that reach into these cells start at their corners.
-        for i in from[0]..=(to[0] + 1).min(rows - 1) {
-            let first = topology.mesh.sheet.index(i, from[1]);
-            let last = topology.mesh.sheet.index(i, (to[1] + 1).min(columns - 1));
-            let edges = topology.mesh.edges_from[first]..topology.mesh.edges_from[last + 1];
-            for other in edges {
-                self.try_edges([edge, other], [a, b], local, found);
-            }
+        for other in row.others {
+            self.try_edges([row.edge, *other], [a, b], local, found);
         }
     }
 
@@ -156,41 +127,29 @@ impl Pair<'_> {
         found: &mut Vec<EdgeEdge>,
     ) {
         let topology = self.gaps.topology;
-        let of_other = topology.of_edge[other as usize];
-        if of_other >> self.g & 1 == 0 || of_other >> self.f & 1 == 1 {
-            return;
-        }
-        let ([p, q], [r, s]) =
-            (topology.mesh.edges[edge as usize], topology.mesh.edges[other as usize]);
+        let [r, s] = topology.mesh.edges[other as usize];
         let [c, d] = [r, s].map(|n| local[n as usize]);
-        let apart = |axis: usize| {
-            c[axis].max(d[axis]) < a[axis].min(b[axis])
-                || c[axis].min(d[axis]) > a[axis].max(b[axis])
-        };
-        // Two boundaries are met from both sides: once is enough. A boundary has met all.
-        let (ends, other_ends) = (topology.ends[edge as usize], topology.ends[other as usize]);
-        let twice = if ends { self.f > self.g && other_ends } else { other_ends };
-        if apart(0) || apart(1) || twice || [p, q].iter().any(|n| *n == r || *n == s) {
+        let sign = f64::from(self.order.sign(self.f, self.g));
+        let ends = topology.ends[edge as usize];
+        let clear_m = if ends { CLEAR_M } else { CLEAR_INSIDE_M };
+        if beside([a, b], [c, d]) || least_height_m([a[2], b[2]], [c[2], d[2]], sign) > clear_m {
             return;
         }
         let Some([at_e, at_f]) = crossing([a, b], [c, d]) else { return };
-        let sign = f64::from(self.order.sign(self.f, self.g));
         let height_m = a[2] + at_e * (b[2] - a[2]) - c[2] - at_f * (d[2] - c[2]);
-        let clear_m = if ends { CLEAR_M } else { CLEAR_INSIDE_M };
-        if sign * height_m > clear_m
-            || self.is_on_crease([r, s], self.f)
-            || self.is_contested(of_other, self.g, self.f)
-        {
+        let of_other = topology.of_edge[other as usize];
+        if sign * height_m > clear_m || self.is_contested(of_other, self.g, self.f) {
             return;
         }
+        let [p, q] = topology.mesh.edges[edge as usize];
         let (mine, theirs) = ([1.0 - at_e, at_e], [1.0 - at_f, at_f]);
         let gap_m = self.gaps.between(self.f, self.g, (&[p, q], &mine), (&[r, s], &theirs));
-        found.push(EdgeEdge { nodes: [p, q, r, s], facet: self.g as u8, sign, gap_m });
-    }
-
-    /// Whether both ends belong to `facet` too: then they lie on the common crease.
-    fn is_on_crease(&self, ends: [u32; 2], facet: usize) -> bool {
-        ends.iter().all(|n| self.gaps.topology.of_node[*n as usize] >> facet & 1 == 1)
+        found.push(EdgeEdge {
+            nodes: [p, q, r, s],
+            facets: [self.f as u8, self.g as u8],
+            sign,
+            gap_m,
+        });
     }
 
     /// An edge on a crease takes the side of the facet that overlaps more.
@@ -211,37 +170,43 @@ impl Pair<'_> {
     }
 }
 
-impl EdgeEdge {
-    /// Pushes the edges apart where they are nearer than their gap.
-    pub fn solve(
-        &self,
-        x: &mut [Vector3<f64>],
-        mobility: &[f64],
-        poses: &[Pose],
-        flat_m2: f64,
-        worst: &mut Worst,
-    ) {
-        let normal = &poses[usize::from(self.facet)].normal;
-        let [p, q, r, s] = self.nodes.map(|n| x[n as usize]);
+impl Contact for EdgeEdge {
+    fn facets(&self) -> [u8; 2] {
+        self.facets
+    }
+
+    fn nodes(&self) -> [u32; 4] {
+        self.nodes
+    }
+
+    fn is_clear(&self, heights_m: &[f64]) -> bool {
+        let [p, q, r, s] = self.nodes.map(|n| heights_m[n as usize]);
+        least_height_m([p, q], [r, s], self.sign) > self.gap_m
+    }
+
+    fn solve(&self, room: &mut Room<'_>, worst: &mut Worst) -> bool {
+        let normal = &room.poses[usize::from(self.facets[1])].normal;
+        let [p, q, r, s] = self.nodes.map(|n| room.x[n as usize]);
         // p + a·e − r − b·f = h·n
         let (e, f, from) = (q - p, s - r, r - p);
         let across = f.cross(normal);
         let det = e.dot(&across);
-        if det.is_nan() || det.abs() <= PARALLEL_SOLVED * flat_m2 {
-            return;
+        if det.is_nan() || det.abs() <= PARALLEL_SOLVED * room.flat_m2 {
+            return false;
         }
         let a = from.dot(&across) / det;
         let b = -e.dot(&from.cross(normal)) / det;
         let on = -OUTSIDE..=1.0 + OUTSIDE;
         if !(on.contains(&a) && on.contains(&b)) {
-            return;
+            return false;
         }
         let height_m = self.sign * (e * a - f * b - from).dot(normal);
         if height_m >= self.gap_m {
-            return;
+            return false;
         }
         worst.note(self.gap_m, height_m);
         let push = normal * (self.sign * (self.gap_m - height_m));
-        weighted_push(x, mobility, &self.nodes, &[1.0 - a, a, b - 1.0, -b], push);
+        weighted_push(room.x, room.mobility, &self.nodes, &[1.0 - a, a, b - 1.0, -b], push);
+        true
     }
 }

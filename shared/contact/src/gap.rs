@@ -7,6 +7,10 @@ use crate::topology::Topology;
 /// Creases with a cosine above this are folded past 90°.
 const PAST_UPRIGHT: f64 = 0.0;
 
+/// Weights of a place lie in −0.02 to 1.04: it is nearer to a crease than the nearest of its nodes
+/// by less than this many spacings.
+const OUTSIDE: f64 = 0.1;
+
 /// What gaps depend on.
 #[derive(Clone, Copy)]
 pub(crate) struct Gaps<'a> {
@@ -25,6 +29,14 @@ impl Gaps<'_> {
         of_f: (&[u32], &[f64]),
         of_g: (&[u32], &[f64]),
     ) -> f64 {
+        let nodes_m = self
+            .topology
+            .away_from_creases_m(of_f.0)
+            .min(self.topology.away_from_creases_m(of_g.0));
+        let least_m = nodes_m - OUTSIDE * self.topology.mesh.spacing_max_m;
+        if self.params.gap_slope * least_m >= self.params.thickness_m {
+            return self.params.thickness_m; // Far from all creases.
+        }
         let shared = self.topology.shared_crease(f, g);
         let mut from_crease_m = self.corner_m(f, g, of_f.0);
         for (facet, (nodes, weights)) in [(f, of_f), (g, of_g)] {

@@ -24,6 +24,7 @@
 //! triangles that a crease cuts belong to both sides, their chords may shorten), nothing is done
 //! where nothing is near.
 
+mod candidates;
 mod edge_edge;
 mod gap;
 mod generic;
@@ -36,6 +37,7 @@ mod params;
 mod pose;
 mod project;
 mod push;
+mod runs;
 mod self_contact;
 mod spine;
 mod topology;

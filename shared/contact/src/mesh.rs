@@ -21,6 +21,8 @@ pub(crate) struct Mesh {
     /// Rest length of each edge, metres.
     pub rest_m: Vec<f64>,
     pub uv_m: Vec<[f64; 2]>,
+    /// The longer side of a cell at rest, metres.
+    pub spacing_max_m: f64,
 }
 
 impl Mesh {
@@ -45,6 +47,7 @@ impl Mesh {
             edges_from: Vec::new(),
             rest_m: Vec::new(),
             uv_m,
+            spacing_max_m: sheet.spacing_m().into_iter().fold(0.0, f64::max),
         };
         for same in sides.chunk_by(|a, b| a.0 == b.0) {
             mesh.edges.push(same[0].0);

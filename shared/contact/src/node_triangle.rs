@@ -5,7 +5,8 @@ use crate::mesh::NONE;
 use crate::near::{Near, Over};
 use crate::order::Order;
 use crate::pose::Pose;
-use crate::push::{Worst, weighted_push};
+use crate::push::{ROUNDING_M, Worst, weighted_push};
+use crate::runs::{Contact, Room};
 use crate::topology::Topology;
 use nalgebra::Vector3;
 
@@ -17,6 +18,8 @@ const RIM: f64 = 0.02;
 const SLID: f64 = 0.25;
 /// Nodes that are farther away than this in the right order are no contact, metres.
 const CLEAR_M: f64 = 2e-3;
+/// A place that lies this deep in a triangle lies in no other, barycentric.
+const INSIDE: f64 = 1e-6;
 /// Steps from triangle to triangle.
 const WALK: usize = 4;
 
@@ -25,7 +28,7 @@ const WALK: usize = 4;
 pub(crate) struct NodeTriangle {
     node: u32,
     triangle: [u32; 3],
-    facet: u8,
+    facets: [u8; 2],
     sign: f64,
     gap_m: f64,
     /// Smallest barycentric weights.
@@ -64,7 +67,7 @@ pub(crate) fn find(
         found.push(NodeTriangle {
             node: over.node,
             triangle,
-            facet: over.over,
+            facets: [over.from, over.over],
             sign: f64::from(sign),
             gap_m,
             outside: open,
@@ -92,6 +95,14 @@ fn is_contested(topology: &Topology, near: &Near, order: &Order, over: &Over) ->
 fn locate(topology: &Topology, g: usize, uv_m: [f64; 2]) -> Option<usize> {
     let mesh = &topology.mesh;
     let [i, j] = mesh.cell(uv_m);
+    for t in mesh.triangles_of([i, j]) {
+        // What holds it well inside does so best.
+        if topology.of_triangle[t] >> g & 1 == 1
+            && mesh.weights(t, uv_m).into_iter().all(|weight| weight > INSIDE)
+        {
+            return Some(t);
+        }
+    }
     let mut best = (f64::NEG_INFINITY, None);
     for i in i.saturating_sub(1)..=(i + 1).min(mesh.sheet.nodes[0] - 2) {
         for j in j.saturating_sub(1)..=(j + 1).min(mesh.sheet.nodes[1] - 2) {
@@ -157,33 +168,42 @@ fn below(
     Some(([1.0 - v - w, v, w], height))
 }
 
-impl NodeTriangle {
-    /// Pushes node and triangle apart where they are nearer than their gap.
-    pub fn solve(
-        &self,
-        x: &mut [Vector3<f64>],
-        mobility: &[f64],
-        poses: &[Pose],
-        flat_m2: f64,
-        worst: &mut Worst,
-    ) {
-        let normal = &poses[usize::from(self.facet)].normal;
-        let corners = self.triangle.map(|n| x[n as usize]);
-        let point = x[self.node as usize];
-        let Some((weights, height)) = below(&point, &corners, normal, flat_m2) else { return };
+impl Contact for NodeTriangle {
+    fn facets(&self) -> [u8; 2] {
+        self.facets
+    }
+
+    fn nodes(&self) -> [u32; 4] {
+        let [a, b, c] = self.triangle;
+        [self.node, a, b, c]
+    }
+
+    fn is_clear(&self, heights_m: &[f64]) -> bool {
+        let [p, a, b, c] = self.nodes().map(|n| self.sign * heights_m[n as usize]);
+        let (low_m, high_m) = (a.min(b).min(c), a.max(b).max(c));
+        // No weight is below −SLID, so that none is above 1 + 2·SLID.
+        p - high_m - 2.0 * SLID * (high_m - low_m) - ROUNDING_M > self.gap_m
+    }
+
+    fn solve(&self, room: &mut Room<'_>, worst: &mut Worst) -> bool {
+        let normal = &room.poses[usize::from(self.facets[1])].normal;
+        let corners = self.triangle.map(|n| room.x[n as usize]);
+        let point = room.x[self.node as usize];
+        let Some((weights, height)) = below(&point, &corners, normal, room.flat_m2) else {
+            return false;
+        };
         if weights.iter().zip(&self.outside).any(|(w, low)| w < low) {
-            return;
+            return false;
         }
         let height_m = self.sign * height;
         if height_m >= self.gap_m {
-            return;
+            return false;
         }
         worst.note(self.gap_m, height_m);
-        let [a, b, c] = self.triangle;
-        let nodes = [self.node, a, b, c];
         let [u, v, w] = weights;
         let push = normal * (self.sign * (self.gap_m - height_m));
-        weighted_push(x, mobility, &nodes, &[1.0, -u, -v, -w], push);
+        weighted_push(room.x, room.mobility, &self.nodes(), &[1.0, -u, -v, -w], push);
+        true
     }
 }
 

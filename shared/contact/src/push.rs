@@ -2,6 +2,9 @@
 
 use nalgebra::Vector3;
 
+/// More than rounding does to a height, metres.
+pub(crate) const ROUNDING_M: f64 = 1e-9;
+
 /// The contacts of one sweep that were nearer than their gaps.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Worst {

@@ -25,6 +25,8 @@ pub(crate) struct FacetMesh {
     pub boundary: Vec<u32>,
     /// Its other edges.
     pub interior: Vec<u32>,
+    /// Its nodes and the ends of its edges, each once, ascending.
+    pub reached: Vec<u32>,
     /// Numbers of its creases.
     pub creases: Vec<usize>,
 }
@@ -83,6 +85,8 @@ pub(crate) struct Topology {
     crease_distance_m: Vec<f32>,
     /// Distance of node `n` from vertex `k`, metres, at `k·nodes + n`.
     vertex_distance_m: Vec<f32>,
+    /// Distance of each node from the nearest crease, metres.
+    from_creases_m: Vec<f32>,
     /// Vertices that facets `f` and `g` share, at `f·facets + g`.
     shared_vertices: Vec<Vec<usize>>,
     /// The crease that facets `f` and `g` share, at `f·facets + g`.
@@ -106,6 +110,7 @@ impl Topology {
             creases: Vec::new(),
             crease_distance_m: Vec::new(),
             vertex_distance_m: Vec::new(),
+            from_creases_m: Vec::new(),
             shared_vertices: vec![Vec::new(); count * count],
             shared_crease: vec![None; count * count],
             mesh,
@@ -127,6 +132,13 @@ impl Topology {
     }
 
     /// Distance of a node from the nearest corner that two facets share, metres; infinite for none.
+    /// Distance of the nearest of some nodes from any crease, metres; infinite without creases.
+    /// Corners that facets share lie on creases.
+    pub fn away_from_creases_m(&self, nodes: &[u32]) -> f64 {
+        let each = nodes.iter().map(|n| self.from_creases_m[*n as usize]);
+        f64::from(each.fold(f32::INFINITY, f32::min))
+    }
+
     pub fn corner_distance_m(&self, f: usize, g: usize, node: u32) -> f64 {
         let at = |k: &usize| self.vertex_distance_m[k * self.of_node.len() + node as usize];
         let shared = &self.shared_vertices[f * self.facets.len() + g];
@@ -215,6 +227,10 @@ impl Topology {
         };
         let next = corners_m.iter().cycle().skip(1);
         let own = (0..self.mesh.edges.len()).filter(|e| self.of_edge[*e] >> facet & 1 == 1);
+        let mut reached: Vec<u32> = core.iter().map(|(n, _)| *n).collect();
+        reached.extend(own.clone().flat_map(|e| self.mesh.edges[e]));
+        reached.sort_unstable();
+        reached.dedup();
         let (boundary, interior) = own.map(|e| e as u32).partition(|e| self.ends[*e as usize]);
         FacetMesh {
             core,
@@ -225,6 +241,7 @@ impl Topology {
             corners_m,
             boundary,
             interior,
+            reached,
             creases: Vec::new(),
         }
     }
@@ -248,6 +265,12 @@ impl Topology {
                 spine: self.spine(crease.ends_m),
             });
         }
+        let nodes = self.of_node.len();
+        let nearest = |n: usize| {
+            let each = self.crease_distance_m.iter().skip(n).step_by(nodes);
+            each.copied().fold(f32::INFINITY, f32::min)
+        };
+        self.from_creases_m = (0..nodes).map(nearest).collect();
     }
 
     fn is_at_rim(&self, uv_m: [f64; 2]) -> bool {

@@ -50,6 +50,14 @@ impl CreaseFinder {
         }
     }
 
+    /// Lines that are about to be folded from now on, beside those of the config: two material
+    /// points each, metres. Creases that are known stay; only mode `lines` heeds a plan.
+    pub fn set_plan(&mut self, lines: &[[[f64; 2]; 2]]) {
+        if let Method::Lines(finder) = &mut self.method {
+            finder.set_plan(lines);
+        }
+    }
+
     /// The facets and creases.
     pub fn folds(&self) -> &Folds {
         &self.folds

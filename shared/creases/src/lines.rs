@@ -53,6 +53,8 @@ pub(crate) struct LineFinder {
     next_crease: usize,
     /// Middles of the sheet's sides, (u, v), metres.
     middles_m: [[f64; 2]; 4],
+    /// Lines of the plan that the config has.
+    planned_first: usize,
     /// Successive steps in which each sample of each planned line bent.
     plan_hits: Vec<[u32; plan::SAMPLES.len()]>,
 }
@@ -69,6 +71,7 @@ impl LineFinder {
             candidates: (0..facets_max).map(|_| Judge::candidates()).collect(),
             next_crease: 0,
             middles_m: middles_m(sheet.size_m),
+            planned_first: config.plan.len(),
             plan_hits: vec![[0; plan::SAMPLES.len()]; config.plan.len()],
         };
         finder.reset(&Folds::flat(sheet));

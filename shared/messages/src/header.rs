@@ -59,6 +59,10 @@ pub enum ClockDomain {
 /// Set in [`Header::flags`] of the last message of a stream, which carries nothing else.
 pub const FLAG_END: u32 = 1;
 
+/// Set in [`Header::flags`] of a state that nothing was observed for yet: where the sheet is
+/// expected at `exposure_ns`.
+pub const FLAG_PREDICTION: u32 = 2;
+
 /// First field of every message.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
@@ -81,7 +85,7 @@ pub struct Header {
     pub stage: u32,
     /// Number of the [`ClockDomain`] of `exposure_ns`.
     pub clock_domain: u32,
-    /// [`FLAG_END`] or 0.
+    /// [`FLAG_END`], [`FLAG_PREDICTION`] or 0.
     pub flags: u32,
     /// Always 0.
     pub reserved: u32,
@@ -106,5 +110,10 @@ impl Header {
     /// Whether this is the last message of its stream, without content.
     pub fn is_end(&self) -> bool {
         self.flags & FLAG_END != 0
+    }
+
+    /// Whether this is about an instant for which nothing was observed yet.
+    pub fn is_prediction(&self) -> bool {
+        self.flags & FLAG_PREDICTION != 0
     }
 }

@@ -9,6 +9,7 @@ mod frame;
 mod gripper;
 mod header;
 pub mod layout;
+mod plan;
 mod record;
 mod sheet;
 
@@ -21,7 +22,8 @@ pub use frame::{
     LensMeta, PoseMeta,
 };
 pub use gripper::{GRIPPERS_MAX, GripperMeta, Grippers};
-pub use header::{ClockDomain, FLAG_END, Header, Stage};
+pub use header::{ClockDomain, FLAG_END, FLAG_PREDICTION, Header, Stage};
+pub use plan::{FoldPlan, PLAN_LINES_MAX, PlanLineMeta};
 pub use record::{Drops, EFFECTS, RecordKind, StageRecord, WHOLE_SET};
 pub use sheet::{RegisterFigures, SheetState, Targets, Truth};
 
@@ -33,6 +35,7 @@ const LAYOUTS: u64 = {
     let hash = layout::mix_u64(hash, <SheetState as layout::Layout>::HASH);
     let hash = layout::mix_u64(hash, <Truth as layout::Layout>::HASH);
     let hash = layout::mix_u64(hash, <Grippers as layout::Layout>::HASH);
+    let hash = layout::mix_u64(hash, <FoldPlan as layout::Layout>::HASH);
     layout::mix_u64(hash, <StageRecord as layout::Layout>::HASH)
 };
 
@@ -135,6 +138,7 @@ mod tests {
             SheetState::TYPE_NAME,
             Truth::TYPE_NAME,
             Grippers::TYPE_NAME,
+            FoldPlan::TYPE_NAME,
             StageRecord::TYPE_NAME,
         ];
         for (k, name) in names.iter().enumerate() {

@@ -2,7 +2,9 @@
 
 use std::marker::PhantomData;
 
-use orime_messages::{FrameMeta, Grippers, ObservedCloud, SheetState, StageRecord, Targets, Truth};
+use orime_messages::{
+    FoldPlan, FrameMeta, Grippers, ObservedCloud, SheetState, StageRecord, Targets, Truth,
+};
 use serde::{Deserialize, Serialize};
 
 /// How a set treats time; the `pace` of a set file.
@@ -100,6 +102,15 @@ pub const TRUTH: Channel<Truth> = channel("orime/truth", lossless(16), newest_wi
 /// then sends one message a step, before the step's frames, so that a robot can publish here beside
 /// live cameras. Simulate listens if `grippers` is among its effects.
 pub const GRIPPER: Channel<Grippers> = channel("orime/gripper", lossless(16), newest_wins(4, 4));
+/// capture → simulate. Capture opens it only for sources that tell what will be folded, so that a
+/// robot can publish here beside live cameras. Each message is a whole plan; a simulate that comes
+/// later begins with the newest.
+pub const PLAN: Channel<FoldPlan> =
+    Channel { history: 1, ..channel("orime/plan", lossless(4), newest_wins(4, 4)) };
+/// simulate → robot, viewer: states between frames, in realtime and where
+/// `simulate.predict.per_frame` asks for them; each is marked as a prediction.
+pub const PREDICTION: Channel<SheetState> =
+    channel("orime/prediction", newest_wins(2, 4), newest_wins(2, 4));
 /// Every stage → supervisor, probes. Never holds a stage up, at any pace.
 pub const RECORD: Channel<StageRecord> = Channel {
     publishers_max: 8,

@@ -1,11 +1,13 @@
-//! Looking at a running set from outside: attaches, never makes anything, leaves no trace.
+//! Looking at a running set from outside: attaches, makes nothing but what a robot publishes,
+//! leaves no trace.
 
-use orime_messages::{Message, Stage, StageRecord};
+use orime_messages::{Header, Message, Stage, StageRecord};
 
 use crate::channel::{self, Channel, Pace};
 use crate::error::RuntimeError;
 use crate::link::{Identity, Link, Mode};
 use crate::now_ns;
+use crate::publish::Publisher;
 use crate::registry::RunEntry;
 use crate::run::{RunId, foreign_owner};
 use crate::stop::Stop;
@@ -73,6 +75,17 @@ impl Guest {
         channel: &Channel<M>,
     ) -> Result<Subscription<M>, RuntimeError> {
         Subscription::new(&self.link, channel, Mode::Open)
+    }
+
+    /// Publishes on a channel that a robot may have, where capture does not:
+    /// [`channel::GRIPPER`] or [`channel::PLAN`].
+    pub fn publish<M: Message>(&self, channel: &Channel<M>) -> Result<Publisher<M>, RuntimeError> {
+        self.link.publish(channel)
+    }
+
+    /// A header of this guest with no lineage yet.
+    pub fn header(&self) -> Header {
+        self.link.header()
     }
 
     /// Subscribes to the frames from now on.

@@ -5,7 +5,7 @@ use std::io;
 use std::os::unix::fs::MetadataExt;
 
 use orime_messages::{
-    Grippers, Message, ObservedCloud, SheetState, Stage, StageRecord, Targets, Truth,
+    FoldPlan, Grippers, Message, ObservedCloud, SheetState, Stage, StageRecord, Targets, Truth,
 };
 use rustix::fs::{FallocateFlags, fallocate, statvfs};
 
@@ -31,6 +31,8 @@ pub fn needed_bytes(pace: Pace, cameras: usize, frame_bytes: usize) -> u64 {
         + pool(&channel::STATE, pace, cameras, size_of::<SheetState>())
         + pool(&channel::TRUTH, pace, cameras, size_of::<Truth>())
         + pool(&channel::GRIPPER, pace, cameras, size_of::<Grippers>())
+        + pool(&channel::PLAN, pace, cameras, size_of::<FoldPlan>())
+        + pool(&channel::PREDICTION, pace, cameras, size_of::<SheetState>())
         + records * pool(&channel::RECORD, pace, cameras, size_of::<StageRecord>())
         + MANAGEMENT_BYTES
 }

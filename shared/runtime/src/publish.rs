@@ -11,7 +11,8 @@ use iceoryx2::prelude::IceoryxSend;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use orime_geometry::{RgbdCamera, RgbdFrameMut};
 use orime_messages::{
-    CameraMeta, FLAG_END, FrameExtent, FrameMeta, FrameStatus, Header, Message, Stage,
+    CameraMeta, FLAG_END, FLAG_PREDICTION, FrameExtent, FrameMeta, FrameStatus, Header, Message,
+    Stage,
 };
 
 use crate::channel::{self, Channel, LOANS_MAX};
@@ -187,6 +188,15 @@ impl<M: Message> Publisher<M> {
         if let Err(error) = self.port.update_connections() {
             tracing::debug!(channel = self.outlet.channel, ?error, "greeting");
         }
+    }
+
+    /// As [`Publisher::send_with`], marked as a prediction for the exposure of `lineage`.
+    pub fn send_prediction<R>(
+        &mut self,
+        lineage: &Header,
+        write: impl FnOnce(&mut M) -> R,
+    ) -> Result<Option<Sent<R>>, RuntimeError> {
+        self.send(lineage, FLAG_PREDICTION, None, write)
     }
 
     /// Hands over the end of the stream.

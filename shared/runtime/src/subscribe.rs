@@ -234,6 +234,14 @@ impl<M: Message> Subscription<M> {
         self.newer_than(first).map(Some)
     }
 
+    /// The newest message, giving up those before it; `None` if none comes for so long.
+    pub fn newest_within(&mut self, wait: Duration) -> Result<Option<Received<M>>, RuntimeError> {
+        match self.intake.inbox.get(wait)? {
+            Some(first) => self.newer_than(first).map(Some),
+            None => Ok(None),
+        }
+    }
+
     /// The newest message if there is one now, giving up those before it.
     pub fn try_newest(&mut self) -> Result<Option<Received<M>>, RuntimeError> {
         match self.try_next()? {

@@ -91,6 +91,9 @@ pub struct RenderedParams {
     pub fault: FaultParams,
     /// Whether the grippers' poses and held points are told, as a robot would. Default false.
     pub gripper_poses: bool,
+    /// Whether it is told which lines will be folded and when, as a robot that folds would.
+    /// Default false.
+    pub fold_plan: bool,
 }
 
 impl Default for RenderedParams {
@@ -121,6 +124,7 @@ impl Default for RenderedParams {
             faults: FaultPreset::Noise,
             fault: FaultParams::default(),
             gripper_poses: false,
+            fold_plan: false,
         }
     }
 }
@@ -165,6 +169,7 @@ impl RenderedParams {
             faults: _,
             fault,
             gripper_poses: _,
+            fold_plan: _,
         } = self;
         let mut checker = Checker::new();
         let mut range = |key: &str, value: f64, low: f64, high: f64| {

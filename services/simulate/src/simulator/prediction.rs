@@ -33,7 +33,7 @@ impl Simulator {
     /// goes on for the most part, a gripper's with that of the point that it holds; then grippers,
     /// links and facets are obeyed, every node being held softly. The state is left as it is.
     pub fn predict(&mut self, dt_s: f64) -> &[[f32; 3]] {
-        let PredictParams { momentum, hold, substeps } = self.params.predict;
+        let PredictParams { momentum, hold, substeps, .. } = self.params.predict;
         let (dt_s, layout) = (clamped_s(dt_s), self.solver.layout);
         let mut room = self.prediction.take().unwrap_or_else(|| Box::new(Prediction::new(layout)));
         let ahead_s = (momentum * dt_s) as f32;

@@ -30,6 +30,24 @@ impl LineFinder {
         self.config.plan.iter().find(near).copied()
     }
 
+    /// Puts these lines in place of those beside the config's. What was seen at a line that stays
+    /// counts on.
+    pub(crate) fn set_plan(&mut self, lines: &[[[f64; 2]; 2]]) {
+        let Self { config, plan_hits, planned_first, .. } = self;
+        if config.params.plan[*planned_first..] == *lines {
+            return;
+        }
+        let before = config.params.plan.split_off(*planned_first);
+        let hits_before = plan_hits.split_off(*planned_first);
+        config.plan.truncate(*planned_first);
+        for ends_m in lines {
+            let same = before.iter().position(|other| other == ends_m);
+            config.params.plan.push(*ends_m);
+            config.plan.push(Line::through(ends_m[0], ends_m[1]));
+            plan_hits.push(same.map_or([0; SAMPLES.len()], |at| hits_before[at]));
+        }
+    }
+
     /// Splits facets along planned lines that bend; true where the folds changed.
     pub(super) fn follow_plan(&mut self, folds: &mut Folds) -> bool {
         let mut changed = false;

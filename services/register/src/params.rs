@@ -80,8 +80,8 @@ pub struct RegisterParams {
     /// contour's error for one pixel. Default 1.
     pub outline_weight: f64,
     /// Let each camera's points pull only on what that camera can see of the predicted sheet, and
-    /// give nodes that nobody sees little confidence (`unseen_confidence`). Needs layers in the right
-    /// order: simulate's contact. Default true.
+    /// give nodes that nobody sees little confidence (`unseen_confidence`). Needs layers in the
+    /// right order: simulate's contact. Default true.
     pub visibility: bool,
     /// Confidence of the targets of nodes that nobody sees, 0 to 0.1: the registration carries them
     /// along with what is seen of the sheet, where the simulation alone would let hidden layers of

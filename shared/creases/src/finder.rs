@@ -20,8 +20,8 @@ enum Method {
     Paper(Box<Clustering>),
 }
 
-/// Targets with at most this confidence are of nodes that nobody saw: they hold hidden layers beside
-/// what is seen of the sheet, and say nothing of creases.
+/// Targets with at most this confidence are of nodes that nobody saw: they hold hidden layers
+/// beside what is seen of the sheet, and say nothing of creases.
 pub const UNSEEN_CONFIDENCE: f32 = 0.1;
 
 impl CreaseFinder {

@@ -1,8 +1,10 @@
 //! Recorded messages into one later stage alone, bit for bit.
 
+use orime_record::TapeContent;
 use orime_tests::{RunningSet, Scratch, run};
 use serde_json::Value;
 use std::fs;
+use std::path::Path;
 use std::process::Output;
 
 fn said(output: &Output) -> String {
@@ -14,7 +16,7 @@ fn a_tape_replays_into_register_and_into_simulate_alone() {
     let scratch = Scratch::new("replay-stages");
     let set = scratch.path("set.toml");
     let text = "[capture]\nsource = \"rendered\"\n[capture.rendered]\nsize_px = [320, 240]\n\
-                steps = 40\n";
+                steps = 40\ngripper_poses = true\nfold_plan = true\n";
     fs::write(&set, text).unwrap();
     let file = scratch.path("fold.mcap");
     let arguments = ["--record", &file, "--record-stages"];
@@ -26,6 +28,9 @@ fn a_tape_replays_into_register_and_into_simulate_alone() {
         let out = scratch.path("replay");
         run("orime", &["replay", tape, stage, "--set", set, "--out", &out, "--json"])
     };
+    let taped = TapeContent::load(Path::new(&tape)).unwrap();
+    assert_eq!(taped.of("orime/gripper").len(), 40, "one message of the grippers a step");
+    assert!(!taped.of("orime/plan").is_empty());
     for stage in ["register", "simulate"] {
         let output = replay(&tape, stage, &set);
         assert_eq!(output.status.code(), Some(0), "{stage}: {}", said(&output));

@@ -18,6 +18,8 @@ use crate::view;
 
 /// Time between two looks at the records.
 const TICK: Duration = Duration::from_millis(5);
+/// How much less the probe is in a hurry than the stages.
+const NICE: i32 = 10;
 /// Time between two redraws.
 const REDRAW: Duration = Duration::from_millis(500);
 
@@ -58,6 +60,10 @@ pub fn run(cli: &Cli) -> anyhow::Result<()> {
             return Ok(());
         }
         None => {}
+    }
+    if !cli.bench {
+        // Who watches gives way to what is watched; where that is refused, nothing is lost.
+        let _ = rustix::process::nice(NICE);
     }
     let entry = find(cli.run.as_deref())?;
     let run = entry.run_id().context("the registry holds something else than runs")?;

@@ -10,5 +10,5 @@ mod session;
 mod tape;
 
 pub use report::{Counts, Report, Said};
-pub use session::{Inputs, Session, survive_size_limits};
+pub use session::{Inputs, Session, Simulated, survive_size_limits};
 pub use tape::{Tape, TapeContent, TapeError, tape_path};

@@ -6,8 +6,10 @@ use std::path::PathBuf;
 use anyhow::Context;
 use orime_geometry::SheetParams;
 use orime_messages::Stage;
-use orime_record::{Inputs, Report, Said, Session, Tape, survive_size_limits, tape_path};
-use orime_runtime::{Service, channel};
+use orime_record::{
+    Inputs, Report, Said, Session, Simulated, Tape, survive_size_limits, tape_path,
+};
+use orime_runtime::{RuntimeError, Service, channel};
 
 /// Records a service set from its first message to its last (started by `orime up --record`).
 #[derive(Debug, clap::Parser)]
@@ -33,7 +35,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Report> {
         clouds: service.subscribe(&channel::CLOUD)?,
         states: service.subscribe(&channel::STATE)?,
         truths: service.subscribe(&channel::TRUTH)?,
-        targets: arguments.stages.then(|| service.subscribe(&channel::TARGETS)).transpose()?,
+        simulated: arguments.stages.then(|| simulated(&service)).transpose()?,
     };
     let (file, set) = (&arguments.file, &service.set().name);
     let session = Session::create(file, set, &sheet, service.stop().clone())
@@ -49,6 +51,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Report> {
     let report = session.run(inputs, |step| say(&Said::Step(step)));
     say(&Said::Report(report.clone()));
     Ok(report)
+}
+
+/// What simulate hears.
+fn simulated(service: &Service) -> Result<Simulated, RuntimeError> {
+    Ok(Simulated {
+        targets: service.subscribe(&channel::TARGETS)?,
+        grippers: service.aside(&channel::GRIPPER)?,
+        plans: service.aside(&channel::PLAN)?,
+    })
 }
 
 /// The recording does not depend on whether the supervisor listens.

@@ -8,10 +8,12 @@ use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use orime_geometry::SheetGrid;
-use orime_messages::{Drops, Message, ObservedCloud, SheetState, Targets, Truth};
+use orime_messages::{
+    Drops, FoldPlan, Grippers, Message, ObservedCloud, SheetState, Targets, Truth,
+};
 use orime_recording::{RecordError, Recorder, SheetState as Sheet};
 use orime_runtime::{
-    FrameSubscription, Received, ReceivedFrame, RuntimeError, Stop, Subscription, channel,
+    Aside, FrameSubscription, Received, ReceivedFrame, RuntimeError, Stop, Subscription, channel,
 };
 use signal_hook::consts::SIGXFSZ;
 
@@ -33,8 +35,19 @@ pub struct Inputs {
     pub states: Subscription<SheetState>,
     /// From capture.
     pub truths: Subscription<Truth>,
-    /// From register, where the stages are recorded too.
-    pub targets: Option<Subscription<Targets>>,
+    /// Where the stages are recorded too.
+    pub simulated: Option<Simulated>,
+}
+
+/// What simulate hears.
+#[derive(Debug)]
+pub struct Simulated {
+    /// From register.
+    pub targets: Subscription<Targets>,
+    /// From capture or a robot, or from nobody.
+    pub grippers: Aside<Grippers>,
+    /// As the grippers.
+    pub plans: Aside<FoldPlan>,
 }
 
 /// A recording that is about to begin: its file is there and is ours.
@@ -144,7 +157,7 @@ impl Shared {
         on_step: impl FnMut(u64),
         report: &mut Report,
     ) {
-        let Inputs { mut frames, clouds, states, truths, targets } = inputs;
+        let Inputs { mut frames, clouds, states, truths, simulated } = inputs;
         let (mut recorded, mut missed) = (report.recorded, report.missed);
         std::thread::scope(|scope| {
             let clouds = scope.spawn(|| {
@@ -160,7 +173,7 @@ impl Shared {
                     record_state(recorder, state)
                 })
             });
-            let targets = targets.map(|targets| scope.spawn(|| self.take_targets(targets)));
+            let simulated = simulated.map(|heard| scope.spawn(|| self.take_simulated(heard)));
             let truths = scope.spawn(|| {
                 self.take(truths, |recorder, truth| {
                     let Truth { header, .. } = truth;
@@ -175,7 +188,7 @@ impl Shared {
             let [taken, unreadable] = self.take_frames(&mut frames, first, on_step);
             (recorded.frames, report.frames_unreadable) = (taken, unreadable);
             missed.frames += lost(frames.drops());
-            if targets.is_some_and(|targets| targets.join().is_err()) {
+            if simulated.is_some_and(|thread| thread.join().is_err()) {
                 self.fail("a thread of the recorder panicked");
             }
             for (thread, recorded, missed) in [
@@ -193,12 +206,28 @@ impl Shared {
         (report.recorded, report.missed) = (recorded, missed);
     }
 
-    /// Puts targets on the tape; the recording itself has no place for them.
-    fn take_targets(&self, targets: Subscription<Targets>) {
+    /// Puts what simulate hears on the tape; the recording itself has no place for it. Grippers and
+    /// plans are sent before the frames that targets are made of, so they lie before these.
+    fn take_simulated(&self, heard: Simulated) {
+        let Simulated { targets, grippers, plans } = heard;
         self.take(targets, |_, targets| {
+            self.tape_aside(channel::GRIPPER.name, &grippers);
+            self.tape_aside(channel::PLAN.name, &plans);
             self.tape(channel::TARGETS.name, targets);
             Ok(true)
         });
+    }
+
+    /// Puts all that has come on a channel on the tape.
+    fn tape_aside<M: Message>(&self, topic: &str, messages: &Aside<M>) {
+        loop {
+            match messages.try_next() {
+                Ok(Some(message)) if Message::header(&*message).is_end() => {}
+                Ok(Some(message)) => self.tape(topic, &*message),
+                Ok(None) => return,
+                Err(error) => return self.fail(&with_causes(&error)),
+            }
+        }
     }
 
     /// Puts a message on the tape, if there is one; a tape that cannot be written ends both.

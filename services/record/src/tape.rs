@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 use mcap::records::MessageHeader;
 use mcap::{Compression, WriteOptions, Writer};
-use orime_messages::{Message, ObservedCloud, SheetState, Targets};
+use orime_messages::{FoldPlan, Grippers, Message, ObservedCloud, SheetState, Targets};
 use orime_runtime::channel;
 
 /// Why a tape cannot be written or read.
@@ -84,6 +84,8 @@ impl Tape {
         tape.add_channel::<ObservedCloud>(channel::CLOUD.name)?;
         tape.add_channel::<Targets>(channel::TARGETS.name)?;
         tape.add_channel::<SheetState>(channel::STATE.name)?;
+        tape.add_channel::<Grippers>(channel::GRIPPER.name)?;
+        tape.add_channel::<FoldPlan>(channel::PLAN.name)?;
         Ok(tape)
     }
 
@@ -139,6 +141,8 @@ impl TapeContent {
             let wanted = match topic.as_str() {
                 name if name == channel::CLOUD.name => ObservedCloud::TYPE_NAME,
                 name if name == channel::TARGETS.name => Targets::TYPE_NAME,
+                name if name == channel::GRIPPER.name => Grippers::TYPE_NAME,
+                name if name == channel::PLAN.name => FoldPlan::TYPE_NAME,
                 _ => SheetState::TYPE_NAME,
             };
             if found != wanted {

@@ -71,6 +71,6 @@ fn attach(entry: &RunEntry, stop: Stop) -> Result<Inputs, RuntimeError> {
         clouds: guest.subscribe(&channel::CLOUD)?,
         states: guest.subscribe(&channel::STATE)?,
         truths: guest.subscribe(&channel::TRUTH)?,
-        targets: None,
+        simulated: None,
     })
 }

@@ -5,7 +5,9 @@ use std::path::PathBuf;
 use std::sync::mpsc::channel as lines;
 use std::time::{Duration, Instant};
 
-use orime_messages::{Header, Message, ObservedCloud, SheetState, Stage, Targets};
+use orime_messages::{
+    FoldPlan, Grippers, Header, Message, ObservedCloud, SheetState, Stage, Targets,
+};
 use orime_record::TapeContent;
 use orime_runtime::{
     Identity, Link, Pace, Publisher, READY, RunId, Stop, Subscription, channel, clean, now_ns,
@@ -22,6 +24,8 @@ use crate::up::DEFAULT_SET;
 const PATIENCE: Duration = Duration::from_secs(60);
 /// Time between two looks for its answer.
 const LOOK: Duration = Duration::from_micros(200);
+/// What is wrong with a tape whose messages are cut or padded.
+const ODD_SIZE: &str = "a message on the tape has another size than its kind";
 
 /// What a replay gave.
 #[derive(Debug, Serialize)]
@@ -184,11 +188,17 @@ impl Player<'_> {
         let (register, judge) = (self.link(Stage::Register)?, self.link(Stage::Judge)?);
         let mut states = judge.subscribe::<SheetState>(&channel::STATE).map_err(failed)?;
         let mut targets = register.publish::<Targets>(&channel::TARGETS).map_err(failed)?;
+        let capture = self.link(Stage::Capture)?;
+        let mut grippers = Beside::<Grippers>::new(&capture, &channel::GRIPPER, tape)?;
+        let mut plans = Beside::<FoldPlan>::new(&capture, &channel::PLAN, tape)?;
         let mut process = self.start(Stage::Simulate)?;
         register.reserve_memory().map_err(failed)?;
         let recorded = parts(tape, &[channel::TARGETS.name, channel::STATE.name])?;
         let mut compared = Compared::new(Stage::Simulate, recorded.len());
         for parts in &recorded {
+            let step = header(parts[0])?.step;
+            grippers.send_until(step)?;
+            plans.send_until(step)?;
             send(&mut targets, parts[0])?;
             let made = answer(&mut states, &mut process)?;
             let wanted: SheetState = bytemuck::pod_read_unaligned(parts[1]);
@@ -201,6 +211,36 @@ impl Player<'_> {
         targets.send_end(&register.header()).map_err(failed)?;
         finish(process)?;
         Ok(compared)
+    }
+}
+
+/// Messages that were sent beside the targets, as far as the tape holds any.
+struct Beside<'t, M: Message> {
+    publisher: Option<Publisher<M>>,
+    rest: &'t [Vec<u8>],
+}
+
+impl<'t, M: Message> Beside<'t, M> {
+    fn new(
+        link: &Link,
+        channel: &channel::Channel<M>,
+        tape: &'t TapeContent,
+    ) -> Result<Self, Failure> {
+        let rest = tape.of(channel.name);
+        let publisher = (!rest.is_empty()).then(|| link.publish::<M>(channel));
+        Ok(Self { publisher: publisher.transpose().map_err(failed)?, rest })
+    }
+
+    /// Sends what is of this step or an earlier one.
+    fn send_until(&mut self, step: u64) -> Result<(), Failure> {
+        let Some(publisher) = &mut self.publisher else { return Ok(()) };
+        while let Some((next, rest)) = self.rest.split_first()
+            && header(next)?.step <= step
+        {
+            send(publisher, next)?;
+            self.rest = rest;
+        }
+        Ok(())
     }
 }
 
@@ -240,13 +280,18 @@ fn parts<'t>(tape: &'t TapeContent, topics: &[&str]) -> Result<Vec<Vec<&'t [u8]>
         .collect())
 }
 
+/// The header that every message begins with.
+fn header(bytes: &[u8]) -> Result<Header, Failure> {
+    let header = bytes.get(..size_of::<Header>()).map(bytemuck::pod_read_unaligned);
+    header.ok_or_else(|| failed(ODD_SIZE))
+}
+
 /// Sends a recorded message; its own header is the lineage of the new one.
 fn send<M: Message>(publisher: &mut Publisher<M>, bytes: &[u8]) -> Result<(), Failure> {
-    let lineage: Header = bytes
-        .get(..size_of::<Header>())
-        .map(bytemuck::pod_read_unaligned)
-        .filter(|_| bytes.len() == size_of::<M>())
-        .ok_or_else(|| failed("a message on the tape has another size than its kind"))?;
+    let lineage = header(bytes)?;
+    if bytes.len() != size_of::<M>() {
+        return Err(failed(ODD_SIZE));
+    }
     let sent = publisher
         .send_with(&lineage, |message| bytemuck::bytes_of_mut(message).copy_from_slice(bytes));
     sent.map(drop).map_err(failed)

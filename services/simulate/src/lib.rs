@@ -13,6 +13,7 @@ mod gpu;
 mod grips;
 mod model;
 mod params;
+mod place;
 mod plan;
 mod simulator;
 mod solver;

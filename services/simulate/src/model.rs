@@ -291,7 +291,11 @@ mod tests {
         model.step(1.0 / 30.0, &targets[..7], &sure[..3], false);
         model.step(1.0 / 30.0, &[], &[], false);
         targets[5] = [f32::NAN; 3];
+        targets[6] = [-2e8; 3];
         model.step(1.0 / 30.0, &targets, &sure, false);
+        targets.fill([-2e8; 3]);
+        model.step(1.0 / 30.0, &targets, &sure, true);
+        model.step(0.0, &targets, &sure, false);
         assert!(model.positions_m().iter().flatten().all(|c| c.is_finite()));
         assert!(model.predicted_m().iter().flatten().all(|c| c.is_finite()));
     }

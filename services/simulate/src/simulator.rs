@@ -11,6 +11,7 @@ use crate::contact::{ContactPass, Part};
 use crate::effect::{Effect, Effects};
 use crate::grips::Grip;
 use crate::params::{SimulateConfig, SimulateParams};
+use crate::place::is_place;
 use crate::solver::links::{Colour, facets_of_place};
 use crate::solver::{Hooks, Rates, Solver, Stencils, Targets};
 pub use batch::Batch;
@@ -208,8 +209,7 @@ impl Simulator {
         taking: &mut Taking<'_>,
     ) -> SimulateReport {
         let mut report = SimulateReport::default();
-        let all_finite = pulls.targets_m.iter().flatten().all(|c| c.is_finite());
-        if reset && all_finite && pulls.targets_m.len() == self.world.len() {
+        if reset && pulls.is_pose_of(self.world.len()) {
             self.take_over(pulls.targets_m);
             return report;
         }
@@ -324,7 +324,7 @@ impl Simulator {
             if *trust == 0.0 || weights.is_some_and(|w| w.rows()[place] == 0.0) {
                 continue;
             }
-            if !(target.iter().all(|c| c.is_finite()) && *trust > 0.0 && trust.is_finite()) {
+            if !(is_place(target) && *trust > 0.0 && trust.is_finite()) {
                 report.targets_rejected += 1;
                 continue;
             }

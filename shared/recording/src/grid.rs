@@ -189,5 +189,9 @@ mod tests {
         twice.faces.push(twice.faces[0].clone());
         assert!(QuadGrid::from_obj(&twice).is_err());
         assert_eq!(QuadGrid::from_obj(&Obj::default()), Err(GridError::NoCorner));
+        // Found by fuzzing: a walk that leaves by a corner comes to an edge of no quad.
+        let faces = [[0, 1, 2, 4], [1, 4, 5, 3], [8, 1, 2, 4], [1, 4, 0, 3]].map(Vec::from);
+        let bent = Obj { vertices_m: vec![[0.0; 3]; 9], faces: faces.into() };
+        assert!(QuadGrid::from_obj(&bent).is_err());
     }
 }

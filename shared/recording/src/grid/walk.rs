@@ -43,7 +43,7 @@ impl<'a> Walk<'a> {
             let mut next = vec![self.beside(face, low[0], low[1])];
             let mut last = face;
             for pair in low.windows(2) {
-                let faces = &self.faces_of[&edge(pair[0], pair[1])];
+                let faces = self.faces_at(pair[0], pair[1]);
                 let here =
                     faces.iter().copied().find(|f| self.quads[*f].contains(&next[next.len() - 1]));
                 last = here.ok_or(GridError::NoRectangle { vertex: pair[1] })?;
@@ -67,8 +67,9 @@ impl<'a> Walk<'a> {
     /// The vertices of a line on the mesh's rim, from `a` over `b` to the next corner.
     fn strip(&self, a: u32, b: u32) -> Result<Vec<u32>, GridError> {
         let mut line = vec![a, b];
-        let faces = &self.faces_of[&edge(a, b)];
-        let [mut face] = faces[..] else { return Err(GridError::NoRectangle { vertex: a }) };
+        let [mut face] = self.faces_at(a, b)[..] else {
+            return Err(GridError::NoRectangle { vertex: a });
+        };
         loop {
             let [low, end] = [line[line.len() - 2], line[line.len() - 1]];
             // Over the quad's next side lies the next quad of the strip.
@@ -92,11 +93,16 @@ impl<'a> Walk<'a> {
 
     /// The quad on the other side of an edge than `behind`, if any.
     fn across(&self, [a, b]: [u32; 2], behind: Option<usize>) -> Result<Option<usize>, GridError> {
-        let faces = self.faces_of.get(&edge(a, b)).map_or(&[][..], Vec::as_slice);
+        let faces = self.faces_at(a, b);
         if faces.is_empty() || faces.len() > 2 {
             return Err(GridError::NoRectangle { vertex: a });
         }
         Ok(faces.iter().copied().find(|face| Some(*face) != behind))
+    }
+
+    /// The quads at an edge; none where it is an edge of no quad.
+    fn faces_at(&self, a: u32, b: u32) -> &[usize] {
+        self.faces_of.get(&edge(a, b)).map_or(&[], Vec::as_slice)
     }
 
     /// Every vertex once, and as many quads as cells.

@@ -120,10 +120,12 @@ impl<'a> Fleet<'a> {
         self.pending.iter().any(|pending| pending.stage == stage)
     }
 
-    /// Whether any stage is down or not ready.
+    /// Whether any stage is down, not ready, or killed and not gone yet: the kernel takes tens of
+    /// milliseconds to give back the memory of a process.
     pub fn is_disturbed(&mut self) -> bool {
+        let is_on_its_way = |p: &Process| !p.is_ready || p.ended_because.is_some();
         !self.pending.is_empty()
-            || self.processes.iter_mut().any(|p| !p.is_ready && p.poll().is_none())
+            || self.processes.iter_mut().any(|p| is_on_its_way(p) && p.poll().is_none())
     }
 
     /// What the processes said since the last look, waiting for it for a while at most. That one

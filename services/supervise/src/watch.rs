@@ -367,7 +367,10 @@ impl Watch {
     /// Kills what stands still while it should not; an ending if the set cannot end in time.
     fn look_for_hung(&mut self, fleet: &mut Fleet<'_>) -> Option<Ending> {
         let ready = self.deadlines.ready;
-        let is_late = |p: &mut Process| !p.is_ready && p.started.elapsed() > ready && p.runs();
+        let is_late = |p: &mut Process| {
+            let is_late = !p.is_ready && p.started.elapsed() > ready;
+            is_late && p.ended_because.is_none() && p.runs()
+        };
         let late = fleet.processes.iter_mut().find_map(|p| is_late(p).then_some(p.stage));
         if let Some(stage) = late {
             let what = "did not get ready in time (--ready-s)";

@@ -57,9 +57,10 @@ impl Rig {
 
     /// Moves points to where they are.
     pub fn correct(&self, points: &mut [ObservedPoint]) {
+        let corrections: Vec<Isometry3<f32>> =
+            self.corrections.iter().map(|correction| correction.cast()).collect();
         for point in points {
-            let Some(correction) = self.corrections.get(point.camera as usize) else { continue };
-            let correction = correction.cast::<f32>();
+            let Some(correction) = corrections.get(point.camera as usize) else { continue };
             point.position_m = (correction * Point3::from(point.position_m)).coords.into();
             point.normal = (correction * Vector3::from(point.normal)).into();
         }

@@ -413,6 +413,39 @@ mod tests {
         assert_eq!(folds.order(low, flap), 1); // And the lower part where the flap's points.
     }
 
+    /// A Z: a strip of so many metres lies flat, the next, 50 mm, stands up from it, the last, of
+    /// 50 mm too, leans from that by `degrees` against the horizontal. Its folds as known from a
+    /// pose with the last strip over the first, then observed.
+    fn zed(flat_m: f64, degrees: f64) -> Folds {
+        let (width_m, up_m) = (flat_m + 0.1, flat_m + 0.05);
+        let sheet = SheetGrid::new([width_m, 0.1], [21, 41]);
+        let strip = |low: f64, high: f64| Facet {
+            corners_m: vec![[low, 0.0], [high, 0.0], [high, 0.1], [low, 0.1]],
+        };
+        let strips = vec![strip(0.0, flat_m), strip(flat_m, up_m), strip(up_m, width_m)];
+        let mut folds = Folds::from_facets(&sheet, strips);
+        for degrees in [180.0, degrees] {
+            let (sin, cos) = f64::to_radians(degrees).sin_cos();
+            let at = |[u, v]: [f64; 2]| {
+                let (up, along) = ((u - flat_m).clamp(0.0, 0.05), (u - up_m).max(0.0));
+                [u.min(flat_m) + along * cos, v, up + along * sin].map(|c| c as f32)
+            };
+            folds.observe(&sheet.uv_m().map(at).collect::<Vec<_>>());
+        }
+        folds
+    }
+
+    #[test]
+    fn a_facet_whose_plane_swept_over_another_forgets_the_order_of_before() {
+        let order = |folds: &Folds| (folds.order(0, 2), folds.order(2, 0));
+        assert_eq!(order(&zed(0.1, 180.0)), (1, 1), "one over the other, turned");
+        // The last strip's plane goes through the first one's centre. The first sees the last
+        // where its own normal points, and both normals look alike.
+        assert_eq!(order(&zed(0.1, 45.0)), (-1, 1));
+        // The same, with planes that stand steep on each other: they say nothing of sides.
+        assert_eq!(order(&zed(0.05, 2f64.atan().to_degrees())), (0, 1));
+    }
+
     #[test]
     fn mountains_are_positive_and_valleys_negative() {
         let (p, q) = ([0.075, 0.0], [0.075, 0.15]);

@@ -74,3 +74,18 @@ impl Nodes {
         *median / (0.6745 * 20f64.sqrt())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_nobody_saw_weighs_nothing_and_what_is_barely_seen_does() {
+        let sheet = SheetGrid::new([0.1, 0.1], [2, 2]);
+        let mut nodes = Nodes::new(&sheet);
+        let positions_m = [[0.0; 3], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [f32::NAN; 3]];
+        nodes.read(&positions_m, &[UNSEEN_CONFIDENCE, 0.11, 2.0, 1.0]);
+        assert_eq!(nodes.weight, [0.0, f64::from(0.11f32), 1.0, 0.0]);
+        assert_eq!(nodes.x_m[3], [0.0; 3]);
+    }
+}

@@ -1,7 +1,7 @@
 //! Sixteen numbers at a time: AVX-512, AVX2 and portable code that give the same bits.
 //!
-//! Products and sums are never fused, and the inverse root is made of the same operations
-//! everywhere, so that a pass written once over [`Lanes`] has one result.
+//! Products and sums are fused where a pass says so and nowhere else, and the inverse root is made
+//! of the same operations everywhere, so that a pass written once over [`Lanes`] has one result.
 
 #[cfg(target_arch = "x86_64")]
 use std::arch::x86_64::*;
@@ -29,6 +29,9 @@ pub trait Lanes: Copy {
     fn sub(self, other: Self) -> Self;
     /// Product.
     fn mul(self, other: Self) -> Self;
+    /// `self`·`factor` + `summand`, rounded once. Slow in portable code for a machine without such
+    /// an instruction.
+    fn mul_add(self, factor: Self, summand: Self) -> Self;
     /// Quotient.
     fn div(self, other: Self) -> Self;
     /// The smaller of the two; `other` where `self` is NaN.
@@ -93,6 +96,10 @@ impl Lanes for [f32; LANES] {
         std::array::from_fn(|k| self[k] * other[k])
     }
     #[inline(always)]
+    fn mul_add(self, factor: Self, summand: Self) -> Self {
+        std::array::from_fn(|k| self[k].mul_add(factor[k], summand[k]))
+    }
+    #[inline(always)]
     fn div(self, other: Self) -> Self {
         std::array::from_fn(|k| self[k] / other[k])
     }
@@ -152,6 +159,11 @@ impl Lanes for Avx512 {
         div _mm512_div_ps
         min _mm512_min_ps
         max _mm512_max_ps
+    }
+    #[inline(always)]
+    fn mul_add(self, factor: Self, summand: Self) -> Self {
+        // SAFETY: values of this type are only made where AVX-512 was detected.
+        Self(unsafe { _mm512_fmadd_ps(self.0, factor.0, summand.0) })
     }
     #[inline(always)]
     fn splat(value: f32) -> Self {
@@ -228,6 +240,12 @@ impl Lanes for Avx2 {
         div _mm256_div_ps
         min _mm256_min_ps
         max _mm256_max_ps
+    }
+    #[inline(always)]
+    fn mul_add(self, factor: Self, summand: Self) -> Self {
+        let ([a, b], [c, d], [e, f]) = (self.0, factor.0, summand.0);
+        // SAFETY: values of this type are only made where AVX2 and FMA were detected.
+        Self(unsafe { [_mm256_fmadd_ps(a, c, e), _mm256_fmadd_ps(b, d, f)] })
     }
     #[inline(always)]
     fn splat(value: f32) -> Self {
@@ -367,6 +385,12 @@ pub fn times<V: Lanes>(a: Points<V>, s: V) -> Points<V> {
     [a[0].mul(s), a[1].mul(s), a[2].mul(s)]
 }
 
+/// a·b, each step rounded once.
+#[inline(always)]
+pub fn fused_dot<V: Lanes>(a: Points<V>, b: Points<V>) -> V {
+    a[2].mul_add(b[2], a[1].mul_add(b[1], a[0].mul(b[0])))
+}
+
 /// a·b.
 #[inline(always)]
 pub fn dot<V: Lanes>(a: Points<V>, b: Points<V>) -> V {
@@ -379,7 +403,7 @@ pub enum Width {
     /// AVX-512.
     #[cfg(target_arch = "x86_64")]
     Avx512,
-    /// AVX2.
+    /// AVX2 and FMA.
     #[cfg(target_arch = "x86_64")]
     Avx2,
     /// Whatever the compiler makes of it.
@@ -395,7 +419,7 @@ impl Width {
             if is_x86_feature_detected!("avx512f") {
                 widths.push(Self::Avx512);
             }
-            if is_x86_feature_detected!("avx2") {
+            if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
                 widths.push(Self::Avx2);
             }
         }
@@ -424,7 +448,7 @@ fn avx512<P: Pass>(pass: P) {
 }
 
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
+#[target_feature(enable = "avx2,fma")]
 fn avx2<P: Pass>(pass: P) {
     pass.run::<Avx2>();
 }
@@ -448,6 +472,7 @@ mod tests {
                 a.add(b),
                 a.sub(b),
                 a.mul(b),
+                a.mul_add(b, V::splat(-0.7)),
                 a.div(b),
                 a.min(b),
                 a.max(b),
@@ -470,7 +495,7 @@ mod tests {
     fn every_width_gives_the_same_bits() {
         let mut portable = Vec::new();
         Width::Portable.run(Everything(&mut portable));
-        assert_eq!(portable.len(), 11 * LANES + 1);
+        assert_eq!(portable.len(), 12 * LANES + 1);
         for width in Width::available() {
             let mut bits = Vec::new();
             width.run(Everything(&mut bits));

@@ -5,5 +5,6 @@ mod lanes;
 
 pub use field::{Chunk, Field, Layout, gather, scatter};
 pub use lanes::{
-    LANES, Lanes, Pass, Points, ROUND, Width, dot, load_points, minus, plus, store_points, times,
+    LANES, Lanes, Pass, Points, ROUND, Width, dot, fused_dot, load_points, minus, plus,
+    store_points, times,
 };

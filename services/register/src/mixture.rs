@@ -154,8 +154,8 @@ impl Mixture {
         total
     }
 
-    /// An E-step with all points, and what each camera's say along its rays. `eyes_m`: camera
-    /// centres, world frame, metres.
+    /// An E-step, and what each camera's points say along its rays. `eyes_m`: camera centres,
+    /// world frame, metres.
     pub fn rays(
         &mut self,
         cloud: &Cloud,
@@ -164,9 +164,12 @@ impl Mixture {
         eyes_m: &[[f32; 3]],
     ) -> Vec<RaySums> {
         let mut sums = vec![RaySums::default(); eyes_m.len()];
-        let asked = Asked { thinning: 1, ..*asked };
         let rays = Some((eyes_m, sums.as_mut_slice()));
-        self.ask(cloud, visibility, &asked, rays, &mut Expectation::default());
+        self.ask(cloud, visibility, asked, rays, &mut Expectation::default());
+        let weight = asked.thinning as f64;
+        for sums in &mut sums {
+            *sums = RaySums { mass: weight * sums.mass, toward_m: weight * sums.toward_m };
+        }
         sums
     }
 
@@ -238,11 +241,12 @@ impl Pass for Expect<'_> {
                 continue;
             }
             while next < points.end {
-                let first = next;
+                let mut cameras = [0; POINTS];
                 let mut some =
                     Points { at_m: [[0.0; 3]; POINTS], priors: [present; POINTS], len: 0 };
                 while some.len < POINTS && next < points.end {
                     some.at_m[some.len] = cloud.points_m[next];
+                    cameras[some.len] = cloud.cameras[next];
                     if let Some(priors) = visibility.priors(cloud.cameras[next]) {
                         some.priors[some.len] = priors;
                     }
@@ -255,8 +259,7 @@ impl Pass for Expect<'_> {
                 }
                 total.squared_m2 += f64::from(shares.squared_m2);
                 if let Some((eyes_m, sums)) = &mut rays {
-                    let cameras = &cloud.cameras[first..];
-                    add_rays::<V>(components, &some, near, &shares, cameras, eyes_m, sums);
+                    add_rays::<V>(components, &some, near, &shares, &cameras, eyes_m, sums);
                 }
             }
         }

@@ -79,6 +79,8 @@ pub struct TrackReport {
 /// Points that are enough while σ exceeds the components' spacing, and most of them left out.
 const THINNED: usize = 500;
 const THINNING_MAX: usize = 4;
+/// Points that are enough for what cameras' depth errs by, which is followed over many frames.
+const RAYS: usize = 500;
 /// Points per component at which a node's confidence is one half.
 const MASS_HALF: f32 = 0.1;
 
@@ -249,7 +251,7 @@ impl Tracker {
         let asked = Asked {
             sigma_m: report.sigma_m,
             uniform_per_m3: self.uniform_per_m3(cloud),
-            thinning: 1,
+            thinning: (cloud.points_m.len() / RAYS).clamp(1, THINNING_MAX),
         };
         self.mixture.rays(cloud, &self.visibility, &asked, eyes_m)
     }

@@ -9,7 +9,7 @@
 
 use crate::mixture::Mixture;
 use crate::projector::Coordinates;
-use crate::zbuffer::{EMPTY, ZBuffer, centres_m};
+use crate::zbuffer::{ZBuffer, centres_m};
 use orime_geometry::{RgbdCamera, SheetGrid};
 
 /// Material distance up to which a front triangle is a component's own, share of the side.
@@ -69,17 +69,13 @@ impl Visibility {
                     priors.push(0.0);
                     continue;
                 }
-                let [x, y, _] = self.projected.at(m);
-                let near = |dx: i32, dy: i32| {
-                    let (triangle, _) = buffer.at(x + dx as f32, y + dy as f32);
-                    triangle != EMPTY && {
-                        let c = self.centres_m[triangle as usize];
-                        (c[0] - uv[0]).abs() < self.own_m && (c[1] - uv[1]).abs() < self.own_m
-                    }
+                let is_own = |triangle: u32| {
+                    let c = self.centres_m[triangle as usize];
+                    (c[0] - uv[0]).abs() < self.own_m && (c[1] - uv[1]).abs() < self.own_m
                 };
                 // Behind the camera is NaN, which is nowhere in the image.
-                let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy)));
-                let seen = around.filter(|(dx, dy)| near(*dx, *dy)).take(2).count() == 2;
+                let [x, y, _] = self.projected.at(m);
+                let seen = buffer.count_around(x, y, is_own) >= 2;
                 priors.push(if seen { 1.0 } else { HIDDEN });
             }
         }

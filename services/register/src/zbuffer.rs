@@ -8,9 +8,6 @@ use orime_lanes::{LANES, Lanes, Pass, Width};
 /// No triangle covers this pixel.
 pub(crate) const EMPTY: u32 = u32::MAX;
 
-/// What stands for [`EMPTY`] in the image.
-const NONE: f32 = -1.0;
-
 /// Inverse depth and triangle per pixel.
 #[derive(Debug, Clone)]
 pub(crate) struct ZBuffer {
@@ -19,7 +16,7 @@ pub(crate) struct ZBuffer {
     pub height: usize,
     /// 1/z, 1/m; 0 where empty. A vector of room behind, as `triangle`.
     inverse_depth: Vec<f32>,
-    /// Index of the front triangle, as a number; [`NONE`] where empty.
+    /// Index of the front triangle, as a number; whatever was there before where empty.
     triangle: Vec<f32>,
     /// The nodes, and where they are in the image: column, row, 1/z; NaN where not in front.
     nodes_m: Coordinates,
@@ -39,7 +36,7 @@ impl ZBuffer {
             width,
             height,
             inverse_depth: vec![0.0; width * height + LANES],
-            triangle: vec![NONE; width * height + LANES],
+            triangle: vec![0.0; width * height + LANES],
             lanes: Width::available()[0],
             nodes_m: Coordinates::default(),
             projected: Coordinates::default(),
@@ -67,9 +64,34 @@ impl ZBuffer {
         if !(0.0 <= x && x < self.width as f32 && 0.0 <= y && y < self.height as f32) {
             return (EMPTY, 0.0);
         }
-        let at = y as usize * self.width + x as usize;
-        let triangle = self.triangle[at];
-        (if triangle < 0.0 { EMPTY } else { triangle as u32 }, self.inverse_depth[at])
+        self.of_pixel(y as usize * self.width + x as usize)
+    }
+
+    #[inline]
+    fn of_pixel(&self, at: usize) -> (u32, f32) {
+        let inverse_depth = self.inverse_depth[at];
+        (if inverse_depth > 0.0 { self.triangle[at] as u32 } else { EMPTY }, inverse_depth)
+    }
+
+    /// How many of the pixels from one left above to one right below a place are covered by a
+    /// triangle that `is_asked_for`.
+    #[inline]
+    pub fn count_around(&self, column: f32, row: f32, is_asked_for: impl Fn(u32) -> bool) -> u32 {
+        let (x, y) = (column.round(), row.round());
+        let [right, bottom] = [self.width, self.height].map(|size| size as f32 - 1.0);
+        if !(0.0 <= x && x <= right && 0.0 <= y && y <= bottom) {
+            return 0;
+        }
+        let range =
+            |at: f32, last: f32| (at - 1.0).max(0.0) as usize..(at + 1.0).min(last) as usize + 1;
+        let mut count = 0;
+        for y in range(y, bottom) {
+            for at in range(x, right).map(|x| y * self.width + x) {
+                let (triangle, _) = self.of_pixel(at);
+                count += u32::from(triangle != EMPTY && is_asked_for(triangle));
+            }
+        }
+        count
     }
 
     /// Whether a pixel lies in the image.
@@ -82,7 +104,6 @@ impl ZBuffer {
         let [top, bottom, left, right] = self.drawn;
         for y in top..bottom {
             self.inverse_depth[y * self.width + left..y * self.width + right].fill(0.0);
-            self.triangle[y * self.width + left..y * self.width + right].fill(NONE);
         }
         self.drawn = [0; 4];
     }
@@ -224,11 +245,15 @@ mod tests {
         assert!(triangle < 2 && (inverse - 2.0).abs() < 1e-5);
         assert_eq!(buffer.at(2.0, 2.0).0, EMPTY);
         assert_eq!(buffer.at(-1.0, 2.0).0, EMPTY);
+        // The nearer square ends at column 39.
+        assert_eq!(buffer.count_around(39.0, 20.2, |triangle| triangle >= 2), 6);
+        assert_eq!(buffer.count_around(39.0, 20.2, |triangle| triangle < 2), 3);
+        assert_eq!(buffer.count_around(f32::NAN, 20.0, |_| true), 0);
         // Every pixel inside is covered: no cracks along the diagonal.
-        let covered = (0..48 * 64).filter(|k| buffer.triangle[*k] != NONE).count();
+        let covered = (0..48 * 64).filter(|k| buffer.of_pixel(*k).0 != EMPTY).count();
         assert_eq!(covered, 24 * 24);
         buffer.draw(&[[0.0, 0.0, -1.0]; 4], &triangles[..2]);
-        assert_eq!((0..48 * 64).filter(|k| buffer.triangle[*k] != NONE).count(), 0);
+        assert_eq!((0..48 * 64).filter(|k| buffer.of_pixel(*k).0 != EMPTY).count(), 0);
     }
 
     #[test]
@@ -245,10 +270,10 @@ mod tests {
             let mut buffer = ZBuffer::new(&lens(), &Isometry3::identity(), 1.0);
             buffer.lanes = width;
             buffer.draw(&rolled, &sheet.triangles());
-            (buffer.triangle, buffer.inverse_depth)
+            (0..48 * 64).map(|k| buffer.of_pixel(k)).collect::<Vec<_>>()
         };
         let portable = image(Width::Portable);
-        assert!(portable.0.iter().filter(|t| **t != NONE).count() > 100);
+        assert!(portable.iter().filter(|pixel| pixel.0 != EMPTY).count() > 100);
         for width in Width::available() {
             assert!(image(width) == portable, "{width:?}");
         }

@@ -6,6 +6,7 @@ mod matching;
 mod open;
 mod params;
 mod playback;
+mod preloaded;
 mod realsense;
 mod realsense_file;
 mod recording;

@@ -6,6 +6,7 @@ use orime_geometry::SheetGrid;
 
 use crate::calibrated::CalibratedSource;
 use crate::folder::FolderSource;
+use crate::preloaded::PreloadedSource;
 use crate::realsense::RealsenseSource;
 use crate::realsense_file::RealsenseFileSource;
 use crate::recording::RecordingSource;
@@ -61,5 +62,9 @@ pub fn open(config: &CaptureConfig, sheet: &SheetGrid) -> Result<Box<dyn FrameSo
             Box::new(RealsenseFileSource::open(files, config.repeat)?)
         }
     };
-    CalibratedSource::over(source, &config.calibration)
+    let source = CalibratedSource::over(source, &config.calibration)?;
+    Ok(match config.preload_bytes {
+        0 => source,
+        room_bytes => PreloadedSource::over(source, room_bytes),
+    })
 }

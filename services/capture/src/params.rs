@@ -42,6 +42,10 @@ pub struct CaptureParams {
     /// Whether the source goes on for ever: a rendered fold unfolds and folds again, a recording
     /// starts over. Default false.
     pub repeat: bool,
+    /// Frame sets are read before the set begins, as many as fit into so many megabytes of memory,
+    /// 0 (default) to 65 536: to measure the other stages without what decoding or rendering
+    /// takes. Later ones are read when it is their turn. Not for live cameras.
+    pub preload_mb: f64,
     /// The virtual scene.
     pub rendered: RenderedParams,
     /// Images in folders.
@@ -65,6 +69,8 @@ pub struct CaptureConfig {
     pub period_s: Option<f64>,
     /// Whether the source never ends.
     pub repeat: bool,
+    /// Memory for frames that are read before the first is asked for, bytes.
+    pub preload_bytes: usize,
     /// The source.
     pub source: SourceConfig,
     /// What is known of its cameras beside it.
@@ -101,6 +107,7 @@ impl CaptureParams {
             source,
             fps,
             repeat,
+            preload_mb,
             rendered,
             folder,
             recording,
@@ -116,6 +123,14 @@ impl CaptureParams {
             fps,
             "must be 0 (as fast as the set takes frames) to 1000",
         );
+        checker.require(
+            0.0 <= *preload_mb && *preload_mb <= 65_536.0,
+            "preload_mb",
+            preload_mb,
+            "must be 0 to 65536",
+        );
+        let is_live = *source == SourceKind::Realsense && *preload_mb > 0.0;
+        checker.require(!is_live, "preload_mb", preload_mb, "must be 0 with live cameras");
         let (key, source) = match source {
             SourceKind::Rendered => ("rendered", rendered.check().map(SourceConfig::Rendered)),
             SourceKind::Folder => ("folder", folder.check().map(SourceConfig::Folder)),
@@ -131,6 +146,7 @@ impl CaptureParams {
             (Some(source), Some(calibration)) => checker.finish(|| CaptureConfig {
                 period_s: (*fps > 0.0).then(|| 1.0 / fps),
                 repeat: *repeat,
+                preload_bytes: (*preload_mb * 1e6) as usize,
                 source,
                 calibration,
             }),
@@ -163,5 +179,7 @@ mod tests {
         assert_eq!(keys(&params), ["fps", "folder.layout"]);
         params.source = SourceKind::Recording;
         assert_eq!(keys(&params), ["fps", "recording.file"]);
+        (params.source, params.preload_mb) = (SourceKind::Realsense, 1.0);
+        assert!(keys(&params).contains(&"preload_mb".to_owned()));
     }
 }

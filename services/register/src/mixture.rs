@@ -413,4 +413,63 @@ mod tests {
         assert!((explained - 55.0 / 56.0).abs() < 1e-9);
         assert!((supported - 5.0 / 11.0).abs() < 1e-9);
     }
+
+    /// Counts the pairs that an E-step looks at.
+    struct Pairs<'a>(&'a mut Mixture, &'a Cloud, f32, &'a mut u64);
+
+    impl Pass for Pairs<'_> {
+        #[inline(always)]
+        fn run<V: Lanes>(self) {
+            let Self(Mixture { blocks, near, .. }, cloud, reach_m, pairs) = self;
+            for Cell { points, bounds_m } in &cloud.cells {
+                blocks.near::<V>(*bounds_m, reach_m, near);
+                *pairs += (near.len() * LANES * points.len()) as u64;
+            }
+        }
+    }
+
+    #[test]
+    #[cfg(target_arch = "x86_64")]
+    #[ignore = "prints figures for docs/results.md"]
+    fn what_a_pair_costs() {
+        use std::arch::x86_64::_rdtsc;
+        let sheet = SheetGrid::new([0.21, 0.21], [13, 13]);
+        let bent = |[u, v]: [f64; 2]| [u, v, 0.02 * (20.0 * u).sin()].map(|c| c as f32);
+        let nodes_m: Vec<[f32; 3]> = sheet.uv_m().map(bent).collect();
+        // Evenly over the sheet: multiples of two irrational numbers.
+        let at = |k: usize| [0.618_034, 0.754_878].map(|step| 0.21 * (k as f64 * step).fract());
+        let points = (0..5000).map(|k| (bent(at(k)), 0));
+        let mut cloud = Cloud::default();
+        cloud.fill(points, 0.053 * 0.21);
+        let mut mixture = Mixture::new(&sheet, 4);
+        mixture.place(&nodes_m);
+        let seen = Visibility::new(&sheet);
+        let components = mixture.blocks.count() as u64;
+        eprintln!("{components} components, 5000 points, cycles of the time-stamp counter");
+        for width in Width::available() {
+            for sigma_m in [0.008, 0.004, 0.002] {
+                mixture.width = width;
+                let asked = Asked { sigma_m, uniform_per_m3: 1e6, thinning: 1 };
+                // SAFETY: every processor of this kind has the counter.
+                let now = || unsafe { _rdtsc() };
+                let once = |mixture: &mut Mixture| {
+                    let start = now();
+                    std::hint::black_box(mixture.expect(&cloud, &seen, &asked));
+                    now() - start
+                };
+                let least = (0..200).map(|_| once(&mut mixture)).min().unwrap();
+                let mut pairs = 0;
+                mixture.blocks.bound(&mixture.components.at_m);
+                width.run(Pairs(&mut mixture, &cloud, CUTOFF_SIGMAS * sigma_m, &mut pairs));
+                let [of_looked, of_all] =
+                    [pairs, 5000 * components].map(|pairs| least as f64 / pairs as f64);
+                eprintln!(
+                    "{width:?}, sigma {:.0} mm: {least} cycles, {:.1} % of all pairs looked at, \
+                     {of_looked:.2} a pair looked at, {of_all:.3} a pair of all",
+                    1e3 * sigma_m,
+                    100.0 * pairs as f64 / (5000 * components) as f64
+                );
+            }
+        }
+    }
 }

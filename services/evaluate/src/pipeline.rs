@@ -185,7 +185,7 @@ impl Pipeline {
     }
 
     fn register(&mut self) -> RegisterReport {
-        let predicted = self.has_pose.then(|| self.model.predicted_m());
+        let predicted = self.has_pose.then(|| self.model.predicted_for_cameras_m());
         let observed = Observation {
             cloud: &self.points[..self.report.points],
             edgels: &self.edgels[..self.report.edgels],

@@ -6,6 +6,7 @@
 //! pose. A scene names the effects that it wants ([`Effect`]); the solver is built from those and
 //! from nothing else.
 
+mod alignment;
 mod contact;
 mod effect;
 #[cfg(feature = "gpu")]

@@ -1,11 +1,12 @@
 //! The sheet as it is followed: the simulator, the fold lines found in its targets, and contact.
 //!
 //! ```text
-//! targets ─► fold lines (facets, creases) ─► facets that bend give way
+//! targets ─► into the robot's world ─► fold lines (facets, creases) ─► facets that bend give way
 //!         ─► simulator: substeps ─► contact: no layer in another ─► state
 //!                                              prediction ◄────────────┘
 //! ```
 
+use crate::alignment::Alignment;
 use crate::effect::{Effect, Effects};
 use crate::grips::Grip;
 use crate::params::SimulateConfig;
@@ -45,6 +46,12 @@ pub struct SheetModel {
     positions_m: Vec<[f32; 3]>,
     predicted_m: Vec<[f32; 3]>,
     expected_m: Vec<[f32; 3]>,
+    grips: Vec<Grip>,
+    alignment: Option<Alignment>,
+    /// Targets in the robot's world.
+    aligned_m: Vec<[f32; 3]>,
+    /// The prediction in the cameras' world.
+    predicted_for_cameras_m: Vec<[f32; 3]>,
 }
 
 impl SheetModel {
@@ -57,6 +64,7 @@ impl SheetModel {
     ) -> Self {
         let params = &config.params;
         let side_m = (sheet.size_m[0] + sheet.size_m[1]) / 2.0;
+        let aligns = params.effects.contains(&Effect::Grippers) && params.grippers.align_cameras;
         let has_contact = params.effects.contains(&Effect::SelfContact);
         // Contact comes once a frame, after the substeps, wherever these run.
         let mut substeps = config.clone();
@@ -71,6 +79,10 @@ impl SheetModel {
             positions_m: simulator.positions_m().to_vec(),
             predicted_m: simulator.positions_m().to_vec(),
             expected_m: simulator.positions_m().to_vec(),
+            grips: Vec::new(),
+            alignment: aligns.then(Alignment::default),
+            aligned_m: Vec::with_capacity(sheet.len()),
+            predicted_for_cameras_m: simulator.positions_m().to_vec(),
             simulator,
         }
     }
@@ -84,6 +96,9 @@ impl SheetModel {
         reset: bool,
     ) -> ModelReport {
         let mut report = ModelReport::default();
+        self.align(targets_m, confidence);
+        let aligned_m = std::mem::take(&mut self.aligned_m);
+        let targets_m = aligned_m.as_slice();
         if reset {
             self.finder.reset();
         }
@@ -112,11 +127,29 @@ impl SheetModel {
         if let Some(contact) = &mut contact {
             contact.project(&mut self.predicted_m, self.simulator.folds());
         }
+        let offset_m = self.offset_m();
+        for (to, from) in self.predicted_for_cameras_m.iter_mut().zip(&self.predicted_m) {
+            *to = [0, 1, 2].map(|axis| from[axis] - offset_m[axis]);
+        }
+        self.aligned_m = aligned_m;
         report
+    }
+
+    /// Puts the targets into the robot's world, as far as grippers tell where that is.
+    fn align(&mut self, targets_m: &[[f32; 3]], confidence: &[f32]) {
+        if let Some(alignment) = &mut self.alignment {
+            alignment.learn(&self.grips, self.simulator.folds(), targets_m, confidence);
+        }
+        let offset_m = self.offset_m();
+        self.aligned_m.clear();
+        let aligned = |x: &[f32; 3]| [0, 1, 2].map(|axis| x[axis] + offset_m[axis]);
+        self.aligned_m.extend(targets_m.iter().map(aligned));
     }
 
     /// What holds the sheet from now on, see [`Simulator::set_grips`].
     pub fn set_grips(&mut self, grips: &[Grip]) {
+        self.grips.clear();
+        self.grips.extend_from_slice(grips);
         self.simulator.set_grips(grips);
     }
 
@@ -143,7 +176,8 @@ impl SheetModel {
         &mut self.simulator
     }
 
-    /// Node positions, world frame, metres, index order of the sheet.
+    /// Node positions, world frame (the robot's, where grippers tell of it), metres, index order
+    /// of the sheet.
     pub fn positions_m(&self) -> &[[f32; 3]] {
         &self.positions_m
     }
@@ -151,6 +185,20 @@ impl SheetModel {
     /// Where the nodes are expected one step later, same form.
     pub fn predicted_m(&self) -> &[[f32; 3]] {
         &self.predicted_m
+    }
+
+    /// How far what the cameras see is moved, since grippers hold the sheet elsewhere, metres.
+    pub fn camera_offset_m(&self) -> f32 {
+        self.offset_m().iter().map(|c| c * c).sum::<f32>().sqrt()
+    }
+
+    fn offset_m(&self) -> [f32; 3] {
+        self.alignment.as_ref().map_or([0.0; 3], Alignment::offset_m)
+    }
+
+    /// The prediction where the cameras, as they are calibrated, would see it.
+    pub fn predicted_for_cameras_m(&self) -> &[[f32; 3]] {
+        &self.predicted_for_cameras_m
     }
 
     /// Facets, creases and layer order.
@@ -259,6 +307,28 @@ mod tests {
         let moved = |(a, b): (&[f32; 3], &[f32; 3])| (0..3).any(|k| (a[k] - b[k]).abs() > 1e-5);
         let early_m = asked.expect_m(0.5 / 30.0).to_vec();
         assert!(early_m.iter().zip(asked.positions_m()).any(moved), "it is still on its way");
+    }
+
+    #[test]
+    fn states_are_in_the_world_of_the_grippers_and_predictions_in_that_of_the_cameras() {
+        let (mut model, sheet) = model();
+        let sure = vec![1.0; sheet.len()];
+        let corner = Grip { uv_m: [0.15, 0.15], position_m: [0.15, 0.15, 0.0] };
+        let seen = |x: [f32; 3]| [x[0] + 0.002, x[1], x[2]];
+        let targets: Vec<[f32; 3]> = folded(&sheet, 0.0).into_iter().map(seen).collect();
+        model.set_grips(&[corner]);
+        for step in 0..300 {
+            model.step(1.0 / 30.0, &targets, &sure, step == 0);
+        }
+        assert!((model.camera_offset_m() - 0.002).abs() < 1e-4, "{}", model.camera_offset_m());
+        let middle = sheet.index(12, 12);
+        assert!((model.positions_m()[middle][0] - 0.075).abs() < 2e-4);
+        assert!((model.predicted_m()[middle][0] - 0.075).abs() < 2e-4);
+        assert!((model.predicted_for_cameras_m()[middle][0] - 0.077).abs() < 2e-4);
+        // It stays so when the gripper lets go.
+        model.set_grips(&[]);
+        model.step(1.0 / 30.0, &targets, &sure, false);
+        assert!((model.camera_offset_m() - 0.002).abs() < 1e-4);
     }
 
     #[test]

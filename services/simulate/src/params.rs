@@ -223,6 +223,10 @@ pub struct GrippersParams {
     pub strain_max: f64,
     /// Most time between a gripper's pose and the targets' exposure, s. Default 0.05.
     pub age_max_s: f64,
+    /// Learn from where grippers hold the sheet how far the cameras as a whole stand beside where
+    /// their calibration says, and move what they see: states are in the robot's world. Default
+    /// true.
+    pub align_cameras: bool,
 }
 
 /// `[simulate.track]`.
@@ -337,7 +341,7 @@ impl Default for FacetsParams {
 
 impl Default for GrippersParams {
     fn default() -> Self {
-        Self { strength: 0.8, strain_max: 0.5, age_max_s: 0.05 }
+        Self { strength: 0.8, strain_max: 0.5, age_max_s: 0.05, align_cameras: true }
     }
 }
 

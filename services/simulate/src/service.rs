@@ -184,7 +184,8 @@ impl Simulate {
             state.nodes = sheet.nodes.map(|nodes| nodes as u32);
             state.size_m = sheet.size_m;
             state.folds.set(model.folds());
-            state.predicted_m[..sheet.len()].copy_from_slice(model.predicted_m());
+            state.predicted_m[..sheet.len()].copy_from_slice(model.predicted_for_cameras_m());
+            state.camera_offset_m = model.camera_offset_m();
             state.positions_m[..sheet.len()].copy_from_slice(model.expect_m(due.ahead_s));
         })?;
         Ok(())
@@ -248,7 +249,8 @@ impl Simulate {
             state.size_m = sheet.size_m;
             state.folds.set(model.folds());
             state.positions_m[..sheet.len()].copy_from_slice(model.positions_m());
-            state.predicted_m[..sheet.len()].copy_from_slice(model.predicted_m());
+            state.predicted_m[..sheet.len()].copy_from_slice(model.predicted_for_cameras_m());
+            state.camera_offset_m = model.camera_offset_m();
             work.end_ns = now_ns();
         })?;
         let Some(sent) = sent else { return Ok(false) };

@@ -58,7 +58,7 @@ message! {
 
 message! {
     /// The tracked sheet after one step.
-    pub struct SheetState as "orime.SheetState.v2" {
+    pub struct SheetState as "orime.SheetState.v3" {
         /// Lineage and times.
         pub header: Header,
         /// What registration said about this step.
@@ -71,15 +71,17 @@ message! {
         pub nodes: [u32; 2],
         /// Targets that were not finite and were left out.
         pub targets_rejected: u32,
-        /// Always 0.
-        pub reserved: u32,
+        /// How far what the cameras see was moved because grippers hold the sheet elsewhere, metres
+        /// (`simulate.grippers.align_cameras`).
+        pub camera_offset_m: f32,
         /// Extent along u and v, metres.
         pub size_m: [f64; 2],
         /// Facets, creases and layer order; none where nothing is known yet.
         pub folds: FoldsMeta,
         /// World frame, metres.
         pub positions_m: [[f32; 3]; NODES_MAX],
-        /// Where the nodes are expected one step later, world frame, metres.
+        /// Where the nodes are expected one step later, metres, world frame as the cameras are
+        /// calibrated: without `camera_offset_m`.
         pub predicted_m: [[f32; 3]; NODES_MAX],
     }
 }

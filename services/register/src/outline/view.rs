@@ -24,7 +24,7 @@ const STEP_M: f32 = 4e-3;
 /// Samples may move so far in the image before edgels are gathered for them anew, pixels.
 const MARGIN_PX: f64 = 4.0;
 /// Samples that have not moved farther are the contour that they were, pixels.
-const MOVED_PX: f64 = 2.0;
+const MOVED_PX: f64 = 0.5;
 
 /// What is asked about every sample: where it is, its neighbours, and points inside the sheet.
 #[derive(Debug, Clone, Default)]

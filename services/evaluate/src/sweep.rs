@@ -1,6 +1,10 @@
 //! What a sweep knows: one row per finished run, means over seeds, the Pareto front, and what a
 //! millimetre costs along it.
 
+mod growth;
+
+pub use growth::{Exponents, Growth, growth};
+
 use serde::{Deserialize, Serialize};
 
 use crate::scores::percentile;

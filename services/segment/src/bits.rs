@@ -85,6 +85,22 @@ impl BitImage {
         nine as u32 & 0x1ff
     }
 
+    /// Whether the pixels at these bit addresses are set, the first lowest; none is beyond the
+    /// image.
+    pub fn bits_at(&self, addresses: &[u32; 64]) -> u64 {
+        let mut found = 0;
+        // Eight at a time, so that no pixel waits for the one before.
+        for (k, eight) in addresses.chunks_exact(8).enumerate() {
+            let mut group = 0;
+            for (n, at) in eight.iter().enumerate() {
+                let word = self.bits.get(*at as usize / 64).copied().unwrap_or(0);
+                group |= (word >> (at % 64) & 1) << n;
+            }
+            found |= group << (8 * k);
+        }
+        found
+    }
+
     /// Sets the pixel at a bit address, `64 words y + x`.
     pub fn set_at(&mut self, address: u32) {
         self.bits[address as usize / 64] |= 1 << (address % 64);

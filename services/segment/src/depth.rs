@@ -250,6 +250,14 @@ impl DepthMap {
         &self.z_m[start..start + 64]
     }
 
+    /// Depths from a pixel four to the left of `x` and four above `y` on, and how far rows are
+    /// apart; all nine columns and rows are there.
+    #[inline(always)]
+    pub fn z_around(&self, x: usize, y: usize) -> (&[f32], usize) {
+        let start = self.index(x as i32 - 4, y as i32 - 4);
+        (&self.z_m[start..start + 8 * self.stride + 9], self.stride)
+    }
+
     /// World position of a pixel's point, metres.
     pub fn world_m(&self, x: usize, y: usize) -> [f32; 3] {
         self.world.point(self.pixel(x, y), self.z_m(x as i32, y as i32))
@@ -267,9 +275,11 @@ impl DepthMap {
     }
 
     /// Viewing ray of a pixel in world axes, `z = 1` along the optical axis.
+    #[inline(always)]
     pub fn world_ray(&self, x: usize, y: usize) -> [f32; 3] {
         let pixel = self.pixel(x, y);
-        [0, 1, 2].map(|axis| self.world.rays[axis][pixel])
+        let [rays_x, rays_y, rays_z] = &self.world.rays;
+        [rays_x[pixel], rays_y[pixel], rays_z[pixel]]
     }
 
     /// The depth pixels whose colour pixel is set in `mask`, into `out`. `words` says which
@@ -284,16 +294,16 @@ impl DepthMap {
             let pixels = &color.pixels[y * self.width..(y + 1) * self.width];
             for (k, chunk) in pixels.chunks(64).enumerate() {
                 let asked = within.map_or(!0, |w| w.row(y)[k]) & self.valid.row(y)[k];
-                let mut word = 0;
-                if asked != 0 {
-                    for at in chunk {
-                        // `NOWHERE` is in no word.
-                        let bits = mask.bits.get(*at as usize / 64).copied().unwrap_or(0);
-                        word = word >> 1 | bits >> (at % 64) << 63;
+                let found = match chunk.first_chunk() {
+                    _ if asked == 0 => 0,
+                    Some(addresses) => mask.bits_at(addresses),
+                    None => {
+                        let mut addresses = [NOWHERE; 64];
+                        addresses[..chunk.len()].copy_from_slice(chunk);
+                        mask.bits_at(&addresses)
                     }
-                    word >>= 64 - chunk.len();
-                }
-                out.row_mut(y)[k] = word & asked;
+                };
+                out.row_mut(y)[k] = found & asked;
             }
         }
     }

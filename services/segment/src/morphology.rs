@@ -1,6 +1,13 @@
 //! Growing and shrinking binary images by squares, by shifts of whole words.
 
+use std::sync::LazyLock;
+
+use orime_lanes::{Lanes, Pass, Width};
+
 use crate::bits::BitImage;
+
+/// The widest vectors of this machine.
+static WIDEST: LazyLock<Width> = LazyLock::new(|| Width::available()[0]);
 
 impl BitImage {
     /// Grows the set by a square of side `2 radius + 1`; `radius < 64`.
@@ -24,10 +31,26 @@ impl BitImage {
         let high = (last / words + radius + 1).min(self.height);
         let bits = &mut self.bits[low * words..high * words];
         let other = &mut scratch.bits[low * words..high * words];
-        let unused = !match self.width % 64 {
-            0 => !0,
-            rest => (1u64 << rest) - 1,
-        };
+        let last = self.width % 64;
+        let unused = if last == 0 { 0 } else { !0 << last };
+        WIDEST.run(Combine::<ERODE> { bits, other, words, radius, unused });
+    }
+}
+
+/// Joins (`ERODE`: intersects) rows of `words` words with themselves.
+struct Combine<'a, const ERODE: bool> {
+    bits: &'a mut [u64],
+    other: &'a mut [u64],
+    words: usize,
+    radius: usize,
+    /// Bits of a row's last word that are no pixels.
+    unused: u64,
+}
+
+impl<const ERODE: bool> Pass for Combine<'_, ERODE> {
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let Self { bits, other, words, radius, unused } = self;
         for (row, other) in bits.chunks_exact_mut(words).zip(other.chunks_exact_mut(words)) {
             if ERODE {
                 row[words - 1] |= unused;
@@ -45,12 +68,14 @@ impl BitImage {
     }
 }
 
+#[inline(always)]
 fn join<const ERODE: bool>(a: &mut [u64], b: &[u64]) {
     let lanes = a.iter_mut().zip(b);
     if ERODE { lanes.for_each(|(a, b)| *a &= b) } else { lanes.for_each(|(a, b)| *a |= b) }
 }
 
 /// Calls `grow` with steps that together reach `radius`, each at most one above the reach so far.
+#[inline(always)]
 fn doubling(radius: usize, mut grow: impl FnMut(usize)) {
     let mut reach = 0;
     while reach < radius {
@@ -61,6 +86,7 @@ fn doubling(radius: usize, mut grow: impl FnMut(usize)) {
 }
 
 /// Joins to each pixel the pixel `step` to its left, as it was; `0 < step < 64`.
+#[inline(always)]
 fn from_left<const ERODE: bool>(row: &mut [u64], step: usize) {
     let mut carry = if ERODE { !0 >> (64 - step) } else { 0 };
     for word in row {
@@ -72,6 +98,7 @@ fn from_left<const ERODE: bool>(row: &mut [u64], step: usize) {
 }
 
 /// Joins to each pixel the pixel `step` to its right, as it was; `0 < step < 64`.
+#[inline(always)]
 fn from_right<const ERODE: bool>(row: &mut [u64], step: usize) {
     let mut carry = if ERODE { !0 << (64 - step) } else { 0 };
     for word in row.iter_mut().rev() {
@@ -84,6 +111,7 @@ fn from_right<const ERODE: bool>(row: &mut [u64], step: usize) {
 
 /// Joins to each word the word `step` before it, as it was; from the last on, `step` at a time, so
 /// that what is read and what is written lie apart.
+#[inline(always)]
 fn from_above<const ERODE: bool>(bits: &mut [u64], step: usize) {
     let mut end = bits.len();
     while end > step {
@@ -95,6 +123,7 @@ fn from_above<const ERODE: bool>(bits: &mut [u64], step: usize) {
 }
 
 /// Joins to each word the word `step` after it, as it was.
+#[inline(always)]
 fn from_below<const ERODE: bool>(bits: &mut [u64], step: usize) {
     let mut rest = bits;
     while rest.len() > step {

@@ -3,7 +3,7 @@
 use orime_geometry::ObservedPoint;
 use orime_lanes::{Lanes, Pass, Width};
 
-use crate::bits::BitImage;
+use crate::bits::{BitImage, pack};
 use crate::depth::{DepthMap, WorldRow};
 
 /// Nobody has taken this slot of the hash table.
@@ -11,6 +11,9 @@ const FREE: u32 = u32::MAX;
 
 /// How far on either side a normal is measured from, pixels.
 const REACH_PX: [usize; 2] = [2, 4];
+
+/// Every other pixel of nine.
+const EVEN: u32 = 0b1_0101_0101;
 
 /// Points per cell of one camera's image.
 #[derive(Debug)]
@@ -31,12 +34,19 @@ pub(crate) struct Voxels {
 /// Cells of the 64 pixels of a word, and where in their cells they lie, metres; by coordinate.
 /// Nothing of use where there is no depth.
 struct Points {
-    key: [[i32; 64]; 3],
+    /// Of pixel `n` at `n + 1`, so that each has one before it.
+    key: [[i32; 65]; 3],
     offset_m: [[f32; 64]; 3],
+    /// Pixels whose cell is not that of the pixel before.
+    changes: u64,
 }
 
 impl Points {
-    const EMPTY: Self = Self { key: [[0; 64]; 3], offset_m: [[0.0; 64]; 3] };
+    const EMPTY: Self = Self { key: [[0; 65]; 3], offset_m: [[0.0; 64]; 3], changes: 0 };
+
+    fn key(&self, bit: usize) -> [i32; 3] {
+        [self.key[0][bit + 1], self.key[1][bit + 1], self.key[2][bit + 1]]
+    }
 }
 
 /// Finds the cells of a word's pixels.
@@ -56,13 +66,26 @@ impl Pass for Place<'_> {
         for axis in 0..3 {
             let origin_m = row.origin_m[axis];
             let (z_m, rays) = (&row.z_m[start..], &row.rays[axis][start..]);
-            let (keys, offsets) = (&mut points.key[axis], &mut points.offset_m[axis]);
-            for (((key, offset), z), ray) in keys.iter_mut().zip(offsets).zip(z_m).zip(rays) {
+            let keys = &mut points.key[axis][1..];
+            let pixels = keys.iter_mut().zip(&mut points.offset_m[axis]);
+            let place = |((key, offset), (z, ray)): ((&mut i32, &mut f32), (&f32, &f32))| {
                 let position_m = origin_m + z * ray;
                 *key = floor(position_m * per_m);
                 *offset = position_m - *key as f32 * size_m;
+            };
+            // A loop of known length has no remainder.
+            match (z_m.first_chunk::<64>(), rays.first_chunk::<64>()) {
+                (Some(z_m), Some(rays)) => pixels.zip(z_m.iter().zip(rays)).for_each(place),
+                _ => pixels.zip(z_m.iter().zip(rays)).for_each(place),
             }
         }
+        let mut changes = [0; 64];
+        let [x, y, z] = &points.key;
+        for (n, change) in changes.iter_mut().enumerate() {
+            let other = (x[n] != x[n + 1]) | (y[n] != y[n + 1]) | (z[n] != z[n + 1]);
+            *change = u8::from(other);
+        }
+        points.changes = pack(&changes);
     }
 }
 
@@ -125,20 +148,23 @@ impl Voxels {
                 let mut rest = *word;
                 while rest != 0 {
                     let bit = rest.trailing_zeros() as usize;
-                    rest &= rest - 1;
-                    let key = [points.key[0][bit], points.key[1][bit], points.key[2][bit]];
-                    // Neighbours are often in the same cell.
+                    // Neighbours are often in the same cell: so many pixels from `bit` on.
+                    let ends = !(rest >> bit) | points.changes >> bit & !1;
+                    let n = ends.trailing_zeros() as usize;
+                    rest &= !1 << (bit + n - 1);
+                    let key = points.key(bit);
                     if key != sum.key {
                         self.merge(&sum, last);
                         sum = Cell { key, ..Cell::EMPTY };
                     }
-                    last = 64 * k + bit;
-                    sum.pixels += 1.0;
-                    for axis in 0..3 {
-                        sum.offset_m[axis] += points.offset_m[axis][bit];
+                    last = 64 * k + bit + n - 1;
+                    sum.pixels += n as f32;
+                    for (sum, offset_m) in sum.offset_m.iter_mut().zip(&points.offset_m) {
+                        offset_m[bit..bit + n].iter().for_each(|offset_m| *sum += offset_m);
                     }
-                    sum.pixel[0] += last as f32;
-                    sum.pixel[1] += y as f32;
+                    // Whole numbers, in any order.
+                    sum.pixel[0] += ((2 * last + 1 - n) * n / 2) as f32;
+                    sum.pixel[1] += (y * n) as f32;
                 }
             }
         }
@@ -202,9 +228,10 @@ impl Voxels {
         let cell = &self.cells[index];
         let position =
             |axis: usize| cell.key[axis] as f32 * self.size_m + cell.offset_m[axis] / cell.pixels;
-        let [x, y] = cell.pixel.map(|sum| (sum / cell.pixels + 0.5) as usize);
+        let mean = |sum: f32| (sum / cell.pixels + 0.5) as usize;
+        let (x, y) = (mean(cell.pixel[0]), mean(cell.pixel[1]));
         ObservedPoint {
-            position_m: [0, 1, 2].map(position),
+            position_m: [position(0), position(1), position(2)],
             normal: normal(map, surface, x, y).unwrap_or([0.0; 3]),
             camera: self.camera,
             pixels: cell.pixels,
@@ -223,22 +250,30 @@ fn normal(map: &DepthMap, surface: &BitImage, x: usize, y: usize) -> Option<[f32
         return None;
     }
     // Bit `n` of row `m` is the pixel `n - 4` beside and `2 m - 4` below.
-    let near = [0, 1, 2, 3, 4].map(|m| surface.nine(x - 4, y + 2 * m - 4));
-    let z_m = |dx: usize, dy: usize| map.z_m((x + dx) as i32 - 4, (y + dy) as i32 - 4);
+    let nine = |m: usize| surface.nine(x - 4, y + 2 * m - 4);
+    let near = [nine(0), nine(1), nine(2), nine(3), nine(4)];
+    let (depths, stride) = map.z_around(x, y);
+    let z_m = |dx: usize, dy: usize| depths[dy * stride + dx];
     let set = |dx: usize, dy: usize| near[dy / 2] >> dx & 1 == 1;
-    let z_u = slope(set, z_m)?;
-    let z_v = slope(|along, side| set(side, along), |along, side| z_m(side, along))?;
+    // Well inside, nothing has to be asked.
+    let all = near[0] & near[1] & near[2] & near[3] & near[4] & EVEN == EVEN;
+    let z_u = if all { slope(|_, _| true, z_m) } else { slope(set, z_m) }?;
+    let z_m = |along: usize, side: usize| z_m(side, along);
+    let z_v =
+        if all { slope(|_, _| true, z_m) } else { slope(|along, side| set(side, along), z_m) }?;
     let z = map.z_m(x as i32, y as i32);
     let ray = map.world_ray(x, y);
-    let half = |a, b| difference(a, b).map(|d| d / 2.0);
-    let ray_u = half(map.world_ray(x + 1, y), map.world_ray(x - 1, y));
-    let ray_v = half(map.world_ray(x, y + 1), map.world_ray(x, y - 1));
-    let tangent_u = [0, 1, 2].map(|k| z_u * ray[k] + z * ray_u[k]);
-    let tangent_v = [0, 1, 2].map(|k| z_v * ray[k] + z * ray_v[k]);
+    let (right, left) = (map.world_ray(x + 1, y), map.world_ray(x - 1, y));
+    let (below, above) = (map.world_ray(x, y + 1), map.world_ray(x, y - 1));
+    let (mut tangent_u, mut tangent_v) = ([0.0; 3], [0.0; 3]);
+    for axis in 0..3 {
+        tangent_u[axis] = z_u * ray[axis] + z * ((right[axis] - left[axis]) / 2.0);
+        tangent_v[axis] = z_v * ray[axis] + z * ((below[axis] - above[axis]) / 2.0);
+    }
     let n = cross(tangent_v, tangent_u);
     let length = dot(n, n).sqrt();
     let sign = if dot(n, ray) <= 0.0 { 1.0 } else { -1.0 };
-    (length > 0.0).then(|| n.map(|x| sign * x / length))
+    (length > 0.0).then(|| [sign * n[0] / length, sign * n[1] / length, sign * n[2] / length])
 }
 
 /// Slope of depth along one direction, metres a pixel, from pixels `(along, side)` of a window of
@@ -258,15 +293,14 @@ fn slope(set: impl Fn(usize, usize) -> bool, z_m: impl Fn(usize, usize) -> f32) 
     (pairs >= 2).then(|| rise / run)
 }
 
-/// The largest integer not above `x`; without a call into the mathematics library.
+/// The largest integer not above `x`, or 0 where that is none (no depth) or beyond any cell;
+/// without a call into the mathematics library.
 #[inline(always)]
 fn floor(x: f32) -> i32 {
-    let towards_zero = x as i32;
+    let x = if x.abs() < (1 << 30) as f32 { x } else { 0.0 };
+    // SAFETY: finite and in (-2^30, 2^30). The checked conversion has half again as many steps.
+    let towards_zero = unsafe { x.to_int_unchecked::<i32>() };
     towards_zero - i32::from(towards_zero as f32 > x)
-}
-
-fn difference(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
 fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {

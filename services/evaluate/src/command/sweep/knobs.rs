@@ -178,12 +178,27 @@ fn cameras(own: &Own) -> anyhow::Result<Knob> {
     let others: Vec<ViewParams> =
         others.filter(|other| views.iter().all(|view| view.name != other.name)).collect();
     views.extend(others);
+    views.extend(Viewpoints::Five.views().into_iter().filter_map(turned));
     let point = |n: usize| {
         let these = Value::try_from(&views[..n.min(views.len())])?;
         Ok((n.to_string(), vec![("capture.rendered.views".to_owned(), these)]))
     };
-    let points = (1..=5).map(point).collect::<Result<_, toml::ser::Error>>()?;
+    // Eight are the most that a set may have.
+    let points = (1..=5).chain([8]).map(point).collect::<Result<_, toml::ser::Error>>()?;
     Ok(Knob::new("cameras", count.to_string(), points))
+}
+
+/// One more camera like this one, a sixth of a turn further round the table; `None` for one above
+/// or below its middle.
+fn turned(view: ViewParams) -> Option<ViewParams> {
+    let [x, y, z] = view.eye_m;
+    let (sin, cos) = std::f64::consts::FRAC_PI_3.sin_cos();
+    let eye_m = [cos * x - sin * y, sin * x + cos * y, z];
+    (x != 0.0 || y != 0.0).then(|| ViewParams {
+        name: format!("{} turned", view.name),
+        eye_m,
+        ..view
+    })
 }
 
 fn resolution(own: &Own) -> Knob {
@@ -333,7 +348,7 @@ mod tests {
         assert_eq!(of("EM iterations").values, ["2", "4", "8", "10", "12", "20", "40"]);
         assert_eq!(of("EM iterations").points.len(), 6);
         assert_eq!(of("points").points.len(), 4);
-        assert_eq!((of("cameras").own.as_str(), of("cameras").points.len()), ("3", 4));
+        assert_eq!((of("cameras").own.as_str(), of("cameras").points.len()), ("3", 5));
     }
 
     #[test]

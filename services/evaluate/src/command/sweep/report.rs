@@ -6,7 +6,7 @@ use std::path::Path;
 
 use anyhow::Context;
 use orime_evaluate::picture::{Landmark, knob_plots, over_time};
-use orime_evaluate::sweep::{Cost, Row, Setting, costs, settings};
+use orime_evaluate::sweep::{Cost, Growth, Row, Setting, costs, growth, settings};
 use serde::Serialize;
 
 use super::knobs::{APART, Knob};
@@ -26,6 +26,7 @@ pub struct Report<'a> {
     paper_loop_step_ms: Option<f64>,
     settings: Vec<Setting>,
     costs: Vec<Cost>,
+    growths: Vec<Growth>,
     rows: &'a [Row],
 }
 
@@ -57,6 +58,11 @@ pub fn write<'a>(folder: &Path, input: &Input<'a>) -> anyhow::Result<(String, Re
         runs_planned: input.planned,
         paper_loop_step_ms: input.paper_loop_step_ms,
         costs: costs(&settings),
+        growths: input
+            .knobs
+            .iter()
+            .filter_map(|knob| growth(knob.name, &knob.own, &settings))
+            .collect(),
         settings,
         rows: input.rows,
     };
@@ -157,7 +163,33 @@ fn table(report: &Report<'_>) -> String {
             s.stage_ms.simulate,
         ));
     }
+    lines.extend(growth_lines(&report.growths));
     lines.join("\n") + "\n"
+}
+
+fn growth_lines(growths: &[Growth]) -> Vec<String> {
+    if growths.is_empty() {
+        return Vec::new();
+    }
+    let head = "\nHow time grows: `e` of time ~ value^e through all values (between the two \
+                largest).\n\n\
+                | knob | from, to | segment | register | simulate | step |\n\
+                | --- | --- | --- | --- | --- | --- |";
+    let line = |growth: &Growth| {
+        let (all, upper) = (&growth.overall, &growth.upper);
+        let pair = |all: f64, upper: f64| format!("{all:.2} ({upper:.2})");
+        format!(
+            "| {} | {}, {} | {} | {} | {} | {} |",
+            growth.knob,
+            growth.range[0],
+            growth.range[1],
+            pair(all.segment, upper.segment),
+            pair(all.register, upper.register),
+            pair(all.simulate, upper.simulate),
+            pair(all.step, upper.step)
+        )
+    };
+    std::iter::once(head.to_owned()).chain(growths.iter().map(line)).collect()
 }
 
 fn number(value: Option<f64>) -> String {

@@ -2,7 +2,7 @@
 //! `cargo bench -p orime-simulate --no-default-features --bench endless`, some minutes. `-- 100000`
 //! makes so many substeps.
 //!
-//! The targets are exact poses with smooth noise, new in every frame, 580 frames forth and 580 back,
+//! Targets are exact poses with smooth noise, new in every frame, 580 frames forth and 580 back,
 //! then 60 frames flat and without noise. What is printed per loop: the kinetic energy's mean and
 //! maximum over the loop (metres from state to state), the strain of the grid's edges (root mean
 //! square over the loop's frames, largest), and at its end, flat and at rest, the strain that is

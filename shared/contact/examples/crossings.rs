@@ -1,4 +1,5 @@
-//! Who crosses itself: `cargo run --release -p orime-contact --example crossings -- NODES SIDE_M FILE`.
+//! Who crosses itself:
+//! `cargo run --release -p orime-contact --example crossings -- NODES SIDE_M FILE`.
 //!
 //! The file holds frames of NODES × NODES positions, little-endian f32, x y z, index order of a
 //! sheet. Printed are the frames that cross, by the judge's oracle, and the largest elongation of

@@ -71,8 +71,8 @@ impl Candidates {
 }
 
 impl List {
-    /// How far, metres, any node that both facets reach went from where it was. Infinite where there
-    /// is no list.
+    /// How far, metres, any node that both facets reach went from where it was. Infinite where
+    /// there is no list.
     fn moved_m(&self, topology: &Topology, facets: [usize; 2], local: &[[f64; 3]]) -> f64 {
         let mut moved_m = if self.made_m.is_empty() { f64::INFINITY } else { 0f64 };
         let nodes = facets.into_iter().flat_map(|facet| &topology.facets[facet].reached);

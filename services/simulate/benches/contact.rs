@@ -3,7 +3,8 @@
 //! Per scene and size of the sheet: milliseconds of processor time a frame (median, maximum) with
 //! contact and without, and what contact adds; then how that grows, as an exponent of the number
 //! of nodes. The targets are exact folds with smooth noise, new in every frame, so that nothing
-//! settles for good. `-- SCENE NODES` plays one scene of one size, for `perf`.
+//! settles for good. `-- SCENE NODES` plays one scene of one size, for `perf`. The last column is a
+//! hash over all positions with contact: what only makes contact faster leaves it as it is.
 
 use orime_geometry::SheetGrid;
 use orime_origami::{FoldLine, Sequence, Sheet, Timing};
@@ -97,6 +98,15 @@ struct Played {
     off_ms: Vec<f64>,
     /// Contacts of the last frame.
     constraints: u32,
+    /// FNV-1a over the bits of all states and predictions with contact.
+    hash: u64,
+}
+
+fn hash_on(mut hash: u64, positions_m: &[[f32; 3]]) -> u64 {
+    for c in positions_m.iter().flatten() {
+        hash = (hash ^ u64::from(c.to_bits())).wrapping_mul(0x0100_0000_01b3);
+    }
+    hash
 }
 
 fn model(scene: &Scene, grid: &SheetGrid, contact: bool) -> SheetModel {
@@ -117,6 +127,7 @@ fn play(scene: &Scene, nodes: usize) -> Played {
     let mut pose = sequence.pose(0.0);
     let confidence = vec![1.0; grid.len()];
     let (mut seed, mut ms, mut constraints) = (1, [Vec::new(), Vec::new()], 0);
+    let mut hash = 0xcbf2_9ce4_8422_2325;
     for frame in 0..scene.frames + TIMED {
         let share = (frame as f64 / scene.frames as f64).min(1.0);
         sequence.update(&mut pose, scene.progress * share);
@@ -131,11 +142,12 @@ fn play(scene: &Scene, nodes: usize) -> Played {
             }
             constraints = constraints.max(report.contact.constraints);
         }
+        hash = hash_on(hash_on(hash, models[0].positions_m()), models[0].predicted_m());
     }
     let facets = models[0].folds().facets().len();
     assert!(facets > 1, "{}: {facets} facets", scene.name);
     let [on_ms, off_ms] = ms;
-    Played { on_ms, off_ms, constraints }
+    Played { on_ms, off_ms, constraints, hash }
 }
 
 /// Median and greatest.
@@ -146,12 +158,12 @@ fn spread(mut ms: Vec<f64>) -> [f64; 2] {
 
 /// Prints a line; the median of what contact costs, milliseconds.
 fn measure(scene: &Scene, nodes: usize) -> f64 {
-    let Played { on_ms, off_ms, constraints } = play(scene, nodes);
+    let Played { on_ms, off_ms, constraints, hash } = play(scene, nodes);
     let each = on_ms.iter().zip(&off_ms).map(|(on, off)| on - off).collect();
     let ([on, max], [off, _], [contact, _]) = (spread(on_ms), spread(off_ms), spread(each));
     println!(
         "{:12} {nodes:4}²  {on:8.2}  {max:8.2}  {off:8.2}  {contact:8.3}  {:6.1} %  \
-         {constraints:7}",
+         {constraints:7}  {hash:016x}",
         scene.name,
         1e2 * contact / off,
     );
@@ -161,7 +173,9 @@ fn measure(scene: &Scene, nodes: usize) -> f64 {
 fn main() {
     let arguments: Vec<String> = std::env::args().collect();
     let named = SCENES.iter().find(|scene| arguments.iter().any(|a| a == scene.name));
-    println!("scene        nodes   with p50       max   without   contact  of frame  contacts");
+    println!(
+        "scene        nodes   with p50       max   without   contact  of frame  contacts  hash"
+    );
     if let Some(scene) = named {
         let sizes: Vec<usize> = arguments.iter().filter_map(|a| a.parse().ok()).collect();
         for nodes in sizes {

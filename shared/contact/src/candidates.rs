@@ -4,14 +4,14 @@
 //! twice [`MARGIN`]; while no node has gone farther than the margin there, no other two can cross.
 //! So what is found does not depend on what is remembered.
 
-use crate::pose::Pose;
+use crate::frames::ordered;
 use crate::topology::Topology;
-use nalgebra::Vector3;
 
 /// How far nodes may go in the other facet's frame before a list is made anew, spacings.
-const MARGIN: f64 = 0.15;
+const MARGIN: f64 = 0.3;
 
-/// An edge of the first facet and the edges of the second that may cross it, ascending.
+/// An edge of the first facet and the edges of the second that may cross it, as slots of
+/// [`Topology`], ascending.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Row<'a> {
     pub edge: u32,
@@ -28,6 +28,7 @@ struct List {
     inside: bool,
     /// Edges of the first facet, and where their others end.
     edges: Vec<(u32, u32)>,
+    /// Slots of the second facet's.
     others: Vec<u32>,
 }
 
@@ -36,8 +37,6 @@ struct List {
 pub(crate) struct Candidates {
     lists: Vec<List>,
     facets: usize,
-    /// (u, v, height) over the second facet, per node.
-    local: Vec<[f64; 3]>,
 }
 
 impl Candidates {
@@ -46,25 +45,20 @@ impl Candidates {
         self.facets = topology.facets.len();
         self.lists.clear();
         self.lists.resize_with(self.facets * self.facets, List::default);
-        self.local.resize(topology.of_node.len(), [0.0; 3]);
     }
 
-    /// The edges of `f` that may meet edges of `g`, with (u, v, height) over `g` of all their ends.
+    /// The edges of `f` that may meet edges of `g`, where `local` is (u, v, height) over `g`.
     /// `inside`: not only where `f` ends.
     pub fn of(
         &mut self,
         topology: &Topology,
-        pose: &Pose,
+        local: &[[f64; 3]],
         [f, g]: [usize; 2],
         inside: bool,
-        x: &[Vector3<f64>],
-    ) -> (impl Iterator<Item = Row<'_>>, &[[f64; 3]]) {
-        let Self { lists, local, facets } = self;
-        let list = &mut lists[f * *facets + g];
+    ) -> impl Iterator<Item = Row<'_>> {
+        let list = &mut self.lists[f * self.facets + g];
         let margin_m = MARGIN * topology.mesh.spacing_max_m;
-        if to_plane(topology, pose, [f, g], x, local, &list.made_m) > margin_m
-            || inside && !list.inside
-        {
+        if list.moved_m(topology, [f, g], local) > margin_m || inside && !list.inside {
             list.make(topology, [f, g], inside, local);
         }
         let starts = std::iter::once(0).chain(list.edges.iter().map(|(_, end)| *end as usize));
@@ -72,34 +66,23 @@ impl Candidates {
             edge: *edge,
             others: &list.others[start..*end as usize],
         });
-        (rows.filter(move |row| inside || topology.ends[row.edge as usize]), local)
+        rows.filter(move |row| inside || topology.ends[row.edge as usize])
     }
-}
-
-/// (u, v, height) over facet `g` for the nodes that both reach; how far, metres, any of them went
-/// from where it was. Infinite where that is not known.
-fn to_plane(
-    topology: &Topology,
-    pose: &Pose,
-    facets: [usize; 2],
-    x: &[Vector3<f64>],
-    local: &mut [[f64; 3]],
-    made_m: &[[f64; 2]],
-) -> f64 {
-    let mut moved_m = if made_m.is_empty() { f64::INFINITY } else { 0f64 };
-    let nodes = facets.into_iter().flat_map(|facet| &topology.facets[facet].reached);
-    let mut made = made_m.iter();
-    for node in nodes {
-        let ([u, v], height) = pose.local_m(&x[*node as usize]);
-        local[*node as usize] = [u, v, height];
-        if let Some([a, b]) = made.next() {
-            moved_m = moved_m.max((u - a).abs()).max((v - b).abs());
-        }
-    }
-    moved_m
 }
 
 impl List {
+    /// How far, metres, any node that both facets reach went from where it was. Infinite where
+    /// there is no list.
+    fn moved_m(&self, topology: &Topology, facets: [usize; 2], local: &[[f64; 3]]) -> f64 {
+        let mut moved_m = if self.made_m.is_empty() { f64::INFINITY } else { 0f64 };
+        let nodes = facets.into_iter().flat_map(|facet| &topology.facets[facet].reached);
+        for (node, [a, b]) in nodes.zip(&self.made_m) {
+            let [u, v, _] = local[*node as usize];
+            moved_m = ordered(moved_m, ordered((u - a).abs(), (v - b).abs())[1])[1];
+        }
+        moved_m
+    }
+
     fn make(&mut self, topology: &Topology, [f, g]: [usize; 2], inside: bool, local: &[[f64; 3]]) {
         let [own, other] = [f, g].map(|facet| &topology.facets[facet]);
         let nodes = own.reached.iter().chain(&other.reached);
@@ -161,7 +144,7 @@ impl List {
                     && !are_apart([a, b], [c, d], margin_m)
                     && !is_on_crease(topology, others, f)
                 {
-                    self.others.push(other);
+                    self.others.push(topology.slot(other, g) as u32);
                 }
             }
         }

@@ -4,18 +4,16 @@
 //! meet too.
 
 use crate::candidates::{Candidates, Row};
+use crate::frames::{Frames, OUTSIDE, is_beyond, limit, ordered};
 use crate::gap::Gaps;
 use crate::near::Near;
 use crate::order::Order;
 use crate::pose::Pose;
 use crate::push::{ROUNDING_M, Worst, weighted_push};
 use crate::runs::{Contact, Room};
-use nalgebra::Vector3;
 
 /// Edges farther than this from the other facet's plane, on one side, are no contact, metres.
 const REACH_M: f64 = 3e-3;
-/// A crossing this far outside of an edge still counts, as a share of it.
-const OUTSIDE: f64 = 1e-3;
 /// Edges whose directions differ by a smaller sine are parallel.
 const PARALLEL: f64 = 2e-3;
 /// The same in the solver, where the lengths are at most some spacings.
@@ -37,119 +35,61 @@ pub(crate) struct EdgeEdge {
     gap_m: f64,
 }
 
+/// What a round needs to find them.
+pub(crate) struct Search<'a> {
+    pub gaps: &'a Gaps<'a>,
+    pub near: &'a Near,
+    pub order: &'a Order,
+    pub poses: &'a [Pose],
+    pub frames: &'a Frames,
+}
+
+/// Where two edges cross as seen from above, as shares of their lengths.
+#[derive(Debug, Clone, Copy, Default)]
+struct Crossing {
+    edges: [u32; 2],
+    at: [f64; 2],
+}
+
+/// Room for what is left of a pair's candidates.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Sieve {
+    /// Edges and slots that lie over each other and are not clear.
+    beside: Vec<[u32; 2]>,
+    crossings: Vec<Crossing>,
+}
+
 /// A pair of facets as seen from the second one's plane.
 struct Pair<'a> {
-    gaps: &'a Gaps<'a>,
-    near: &'a Near,
-    order: &'a Order,
+    search: &'a Search<'a>,
+    local: &'a [[f64; 3]],
     f: usize,
     g: usize,
+    sign: f64,
 }
 
-/// Fills `found` with the contacts of a round.
-pub(crate) fn find(
-    found: &mut Vec<EdgeEdge>,
-    candidates: &mut Candidates,
-    gaps: &Gaps,
-    near: &Near,
-    order: &Order,
-    poses: &[Pose],
-    x: &[Vector3<f64>],
-) {
-    found.clear();
-    for at in 0..near.pairs.len() {
-        let [f, g] = near.pairs[at].map(usize::from);
-        for (f, g) in [(f, g), (g, f)] {
-            if order.sign(f, g) == 0 {
-                continue;
-            }
-            let inside = f < g && poses[f].normal.dot(&poses[g].normal).abs() > STACKED_COSINE;
-            let (rows, local) = candidates.of(gaps.topology, &poses[g], [f, g], inside, x);
-            let pair = Pair { gaps, near, order, f, g };
-            for row in rows {
-                pair.against(row, local, found);
-            }
-        }
-    }
-}
-
-/// Whether two segments lie beside each other in the plane.
-fn beside([a, b]: [[f64; 3]; 2], [c, d]: [[f64; 3]; 2]) -> bool {
-    let apart = |axis: usize| {
-        c[axis].max(d[axis]) < a[axis].min(b[axis]) || c[axis].min(d[axis]) > a[axis].max(b[axis])
-    };
-    apart(0) || apart(1)
-}
-
-/// No crossing of two segments is less high than this, in the direction of `sign`, metres.
-fn least_height_m([a, b]: [f64; 2], [c, d]: [f64; 2], sign: f64) -> f64 {
-    let [a, b, c, d] = [a, b, c, d].map(|height_m| sign * height_m);
-    // A little may lie outside of the ends, and rounding.
-    let outside_m = 2.0 * OUTSIDE * ((a - b).abs() + (c - d).abs()) + ROUNDING_M;
-    a.min(b) - c.max(d) - outside_m
-}
-
-/// Where two segments cross in the plane, as shares of their lengths.
-fn crossing([a, b]: [[f64; 3]; 2], [c, d]: [[f64; 3]; 2]) -> Option<[f64; 2]> {
-    let (e, f) = ([b[0] - a[0], b[1] - a[1]], [d[0] - c[0], d[1] - c[1]]);
-    let det = e[0] * f[1] - e[1] * f[0];
-    let squares = (e[0] * e[0] + e[1] * e[1]) * (f[0] * f[0] + f[1] * f[1]);
-    if det.is_nan() || det * det <= PARALLEL * PARALLEL * squares {
-        return None;
-    }
-    let from = [c[0] - a[0], c[1] - a[1]];
-    let at_e = (from[0] * f[1] - from[1] * f[0]) / det;
-    let at_f = (from[0] * e[1] - from[1] * e[0]) / det;
-    let on = -OUTSIDE..=1.0 + OUTSIDE;
-    (on.contains(&at_e) && on.contains(&at_f)).then_some([at_e, at_f])
-}
-
-impl Pair<'_> {
-    /// The contacts of one edge of `f` with those edges of `g` that may cross it.
-    fn against(&self, row: Row<'_>, local: &[[f64; 3]], found: &mut Vec<EdgeEdge>) {
+impl Search<'_> {
+    /// Fills `found` with the contacts of a round.
+    pub fn find(&self, found: &mut Vec<EdgeEdge>, candidates: &mut Candidates, sieve: &mut Sieve) {
+        found.clear();
         let topology = self.gaps.topology;
-        let [a, b] = topology.mesh.edges[row.edge as usize].map(|n| local[n as usize]);
-        if (a[2].abs().min(b[2].abs()) > REACH_M && a[2] * b[2] > 0.0)
-            || self.is_contested(topology.of_edge[row.edge as usize], self.f, self.g)
-        {
-            return;
+        for pair in &self.near.pairs {
+            let [f, g] = pair.map(usize::from);
+            for (f, g) in [(f, g), (g, f)] {
+                let sign = f64::from(self.order.sign(f, g));
+                if sign == 0.0 {
+                    continue;
+                }
+                let cosine = self.poses[f].normal.dot(&self.poses[g].normal);
+                let inside = f < g && cosine.abs() > STACKED_COSINE;
+                let local = self.frames.over(g);
+                let rows = candidates.of(topology, local, [f, g], inside);
+                let pair = Pair { search: self, local, f, g, sign };
+                let count = pair.sift(rows, &mut sieve.beside);
+                let count = pair.cross(&sieve.beside[..count], &mut sieve.crossings);
+                pair.collect(&sieve.crossings[..count], found);
+            }
         }
-        for other in row.others {
-            self.try_edges([row.edge, *other], [a, b], local, found);
-        }
-    }
-
-    fn try_edges(
-        &self,
-        [edge, other]: [u32; 2],
-        [a, b]: [[f64; 3]; 2],
-        local: &[[f64; 3]],
-        found: &mut Vec<EdgeEdge>,
-    ) {
-        let topology = self.gaps.topology;
-        let [r, s] = topology.mesh.edges[other as usize];
-        let [c, d] = [r, s].map(|n| local[n as usize]);
-        let sign = f64::from(self.order.sign(self.f, self.g));
-        let ends = topology.ends[edge as usize];
-        let clear_m = if ends { CLEAR_M } else { CLEAR_INSIDE_M };
-        if beside([a, b], [c, d]) || least_height_m([a[2], b[2]], [c[2], d[2]], sign) > clear_m {
-            return;
-        }
-        let Some([at_e, at_f]) = crossing([a, b], [c, d]) else { return };
-        let height_m = a[2] + at_e * (b[2] - a[2]) - c[2] - at_f * (d[2] - c[2]);
-        let of_other = topology.of_edge[other as usize];
-        if sign * height_m > clear_m || self.is_contested(of_other, self.g, self.f) {
-            return;
-        }
-        let [p, q] = topology.mesh.edges[edge as usize];
-        let (mine, theirs) = ([1.0 - at_e, at_e], [1.0 - at_f, at_f]);
-        let gap_m = self.gaps.between(self.f, self.g, (&[p, q], &mine), (&[r, s], &theirs));
-        found.push(EdgeEdge {
-            nodes: [p, q, r, s],
-            facets: [self.f as u8, self.g as u8],
-            sign,
-            gap_m,
-        });
     }
 
     /// An edge on a crease takes the side of the facet that overlaps more.
@@ -167,6 +107,117 @@ impl Pair<'_> {
             }
         }
         false
+    }
+}
+
+/// Keeps what a test lets through, in its order, without a branch on it: such branches are guessed
+/// wrong too often.
+struct Kept<'a, T> {
+    room: &'a mut Vec<T>,
+    count: usize,
+}
+
+impl<'a, T: Copy + Default> Kept<'a, T> {
+    fn new(room: &'a mut Vec<T>) -> Self {
+        Self { room, count: 0 }
+    }
+
+    /// Makes room for as many more.
+    fn reserve(&mut self, more: usize) {
+        if self.room.len() < self.count + more {
+            self.room.resize(2 * (self.count + more), T::default());
+        }
+    }
+
+    fn offer(&mut self, item: T, is_kept: bool) {
+        self.room[self.count] = item;
+        self.count += usize::from(is_kept);
+    }
+}
+
+/// No crossing of two segments is less high than this, in the direction of `sign`, metres.
+fn least_height_m([a, b]: [f64; 2], [c, d]: [f64; 2], sign: f64) -> f64 {
+    let [a, b, c, d] = [a, b, c, d].map(|height_m| sign * height_m);
+    let ([low, high], [other_low, other_high]) = (ordered(a, b), ordered(c, d));
+    // A little may lie outside of the ends, and rounding.
+    let outside_m = 2.0 * OUTSIDE * (high - low + other_high - other_low) + ROUNDING_M;
+    low - other_high - outside_m
+}
+
+impl Pair<'_> {
+    fn clear_m(&self, edge: u32) -> f64 {
+        if self.search.gaps.topology.ends[edge as usize] { CLEAR_M } else { CLEAR_INSIDE_M }
+    }
+
+    fn ends(&self, edge: u32) -> [[f64; 3]; 2] {
+        self.search.gaps.topology.mesh.edges[edge as usize].map(|n| self.local[n as usize])
+    }
+
+    /// Candidates that lie over each other and are not clear of each other by their heights alone.
+    fn sift<'a>(&self, rows: impl Iterator<Item = Row<'a>>, room: &mut Vec<[u32; 2]>) -> usize {
+        let topology = self.search.gaps.topology;
+        let bounds = self.search.frames.bounds();
+        let mut kept = Kept::new(room);
+        for row in rows {
+            let [a, b] = self.ends(row.edge);
+            if (ordered(a[2].abs(), b[2].abs())[0] > REACH_M && a[2] * b[2] > 0.0)
+                || self.search.is_contested(topology.of_edge[row.edge as usize], self.f, self.g)
+            {
+                continue;
+            }
+            let limit = limit([a, b], self.sign, self.clear_m(row.edge));
+            kept.reserve(row.others.len());
+            for slot in row.others {
+                kept.offer([row.edge, *slot], !is_beyond(&bounds[*slot as usize], &limit));
+            }
+        }
+        kept.count
+    }
+
+    /// Where they cross in the plane, if they do, and are not clear there.
+    fn cross(&self, beside: &[[u32; 2]], room: &mut Vec<Crossing>) -> usize {
+        let mut kept = Kept::new(room);
+        kept.reserve(beside.len());
+        for [edge, slot] in beside {
+            let other = self.search.gaps.topology.of_slot[*slot as usize];
+            let ([a, b], [c, d]) = (self.ends(*edge), self.ends(other));
+            let (e, f) = ([b[0] - a[0], b[1] - a[1]], [d[0] - c[0], d[1] - c[1]]);
+            let det = e[0] * f[1] - e[1] * f[0];
+            let squares = (e[0] * e[0] + e[1] * e[1]) * (f[0] * f[0] + f[1] * f[1]);
+            let from = [c[0] - a[0], c[1] - a[1]];
+            let at_e = (from[0] * f[1] - from[1] * f[0]) / det;
+            let at_f = (from[0] * e[1] - from[1] * e[0]) / det;
+            let height_m = a[2] + at_e * (b[2] - a[2]) - c[2] - at_f * (d[2] - c[2]);
+            // False where anything is NaN.
+            let on = -OUTSIDE..=1.0 + OUTSIDE;
+            let is_kept = (det * det > PARALLEL * PARALLEL * squares)
+                & on.contains(&at_e)
+                & on.contains(&at_f)
+                & (self.sign * height_m <= self.clear_m(*edge));
+            kept.offer(Crossing { edges: [*edge, other], at: [at_e, at_f] }, is_kept);
+        }
+        kept.count
+    }
+
+    fn collect(&self, crossings: &[Crossing], found: &mut Vec<EdgeEdge>) {
+        let Search { gaps, .. } = self.search;
+        let topology = gaps.topology;
+        for Crossing { edges, at } in crossings {
+            let [at_e, at_f] = *at;
+            let of_other = topology.of_edge[edges[1] as usize];
+            if self.search.is_contested(of_other, self.g, self.f) {
+                continue;
+            }
+            let [[p, q], [r, s]] = edges.map(|edge| topology.mesh.edges[edge as usize]);
+            let (mine, theirs) = ([1.0 - at_e, at_e], [1.0 - at_f, at_f]);
+            let gap_m = gaps.between(self.f, self.g, (&[p, q], &mine), (&[r, s], &theirs));
+            found.push(EdgeEdge {
+                nodes: [p, q, r, s],
+                facets: [self.f as u8, self.g as u8],
+                sign: self.sign,
+                gap_m,
+            });
+        }
     }
 }
 

@@ -26,6 +26,7 @@
 
 mod candidates;
 mod edge_edge;
+mod frames;
 mod gap;
 mod generic;
 mod links;

@@ -1,8 +1,8 @@
 //! Which facets can touch, and which nodes of one lie over another.
 
+use crate::frames::Frames;
 use crate::pose::Pose;
 use crate::topology::Topology;
-use nalgebra::Vector3;
 use orime_creases::FACETS_MAX;
 
 /// Nodes farther than this from a facet's plane are of no concern to it, metres.
@@ -74,32 +74,27 @@ impl Near {
     }
 
     /// The nodes of near facets that lie over each other, and how many.
-    pub fn find_overlaps(&mut self, topology: &Topology, poses: &[Pose], x: &[Vector3<f64>]) {
+    pub fn find_overlaps(&mut self, topology: &Topology, frames: &Frames) {
         self.over.clear();
         for row in self.count.iter_mut() {
             row.fill(0);
         }
         for pair in 0..self.pairs.len() {
             let [f, g] = self.pairs[pair].map(usize::from);
-            self.nodes_over(topology, &poses[g], x, [f, g]);
-            self.nodes_over(topology, &poses[f], x, [g, f]);
+            self.nodes_over(topology, frames, [f, g]);
+            self.nodes_over(topology, frames, [g, f]);
         }
     }
 
-    fn nodes_over(
-        &mut self,
-        topology: &Topology,
-        pose: &Pose,
-        x: &[Vector3<f64>],
-        [f, g]: [usize; 2],
-    ) {
-        let facet = &topology.facets[g];
+    fn nodes_over(&mut self, topology: &Topology, frames: &Frames, [f, g]: [usize; 2]) {
+        let (facet, local) = (&topology.facets[g], frames.over(g));
         for (node, _) in &topology.facets[f].core {
             let facets = topology.of_node[*node as usize];
             if facets >> g & 1 == 1 {
                 continue;
             }
-            let (uv_m, height_m) = pose.local_m(&x[*node as usize]);
+            let [u, v, height_m] = local[*node as usize];
+            let uv_m = [u, v];
             if height_m.abs() > REACH_M {
                 continue;
             }

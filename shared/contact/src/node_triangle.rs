@@ -1,5 +1,6 @@
 //! Nodes of one facet against triangles of another, along the facet's normal.
 
+use crate::frames::ordered;
 use crate::gap::Gaps;
 use crate::mesh::NONE;
 use crate::near::{Near, Over};
@@ -35,43 +36,48 @@ pub(crate) struct NodeTriangle {
     outside: [f64; 3],
 }
 
-/// Fills `found` with the contacts of a round.
-pub(crate) fn find(
-    found: &mut Vec<NodeTriangle>,
-    gaps: &Gaps,
-    near: &Near,
-    order: &Order,
-    poses: &[Pose],
-    x: &[Vector3<f64>],
-) {
-    found.clear();
-    let topology = gaps.topology;
-    for over in &near.over {
+/// What a round needs to find them.
+pub(crate) struct Search<'a> {
+    pub gaps: &'a Gaps<'a>,
+    pub near: &'a Near,
+    pub order: &'a Order,
+    pub poses: &'a [Pose],
+    pub x: &'a [Vector3<f64>],
+}
+
+impl Search<'_> {
+    /// Fills `found` with the contacts of a round.
+    pub fn find(&self, found: &mut Vec<NodeTriangle>) {
+        found.clear();
+        found.extend(self.near.over.iter().filter_map(|over| self.contact(over)));
+    }
+
+    fn contact(&self, over: &Over) -> Option<NodeTriangle> {
+        let topology = self.gaps.topology;
         let (f, g) = (usize::from(over.from), usize::from(over.over));
-        let sign = order.sign(f, g);
-        if sign == 0 || is_contested(topology, near, order, over) {
-            continue;
+        let sign = self.order.sign(f, g);
+        if sign == 0 || is_contested(topology, self.near, self.order, over) {
+            return None;
         }
-        let Some(start) = locate(topology, g, over.uv_m) else { continue };
-        let normal = &poses[g].normal;
-        let Some((t, weights, height)) = walk(topology, over, start, normal, x) else { continue };
+        let start = locate(topology, g, over.uv_m)?;
+        let normal = &self.poses[g].normal;
+        let (t, weights, height) = walk(topology, over, start, normal, self.x)?;
         let triangle = topology.mesh.triangles[t];
         if f64::from(sign) * height > CLEAR_M || triangle.contains(&over.node) {
-            continue;
+            return None;
         }
-        let open = topology.mesh.neighbours[t].map(|s| {
+        let outside = topology.mesh.neighbours[t].map(|s| {
             let same = s != NONE && topology.of_triangle[s as usize] >> g & 1 == 1;
             if same { -SLID } else { -RIM }
         });
-        let gap_m = gaps.between(f, g, (&[over.node], &[1.0]), (&triangle, &weights));
-        found.push(NodeTriangle {
+        Some(NodeTriangle {
             node: over.node,
             triangle,
             facets: [over.from, over.over],
             sign: f64::from(sign),
-            gap_m,
-            outside: open,
-        });
+            gap_m: self.gaps.between(f, g, (&[over.node], &[1.0]), (&triangle, &weights)),
+            outside,
+        })
     }
 }
 
@@ -180,7 +186,8 @@ impl Contact for NodeTriangle {
 
     fn is_clear(&self, heights_m: &[f64]) -> bool {
         let [p, a, b, c] = self.nodes().map(|n| self.sign * heights_m[n as usize]);
-        let (low_m, high_m) = (a.min(b).min(c), a.max(b).max(c));
+        let [low_m, high_m] = ordered(a, b);
+        let (low_m, high_m) = (ordered(low_m, c)[0], ordered(high_m, c)[1]);
         // No weight is below −SLID, so that none is above 1 + 2·SLID.
         p - high_m - 2.0 * SLID * (high_m - low_m) - ROUNDING_M > self.gap_m
     }

@@ -1,9 +1,9 @@
 //! The projection: rounds of finding contacts and sweeping over links and contacts.
 
 use crate::candidates::Candidates;
-use crate::edge_edge::{self, EdgeEdge};
+use crate::edge_edge::{self, EdgeEdge, Sieve};
+use crate::frames::Frames;
 use crate::gap::Gaps;
-use crate::links;
 use crate::mesh::Mesh;
 use crate::near::Near;
 use crate::node_triangle::{self, NodeTriangle};
@@ -50,6 +50,8 @@ pub struct FacetContact {
     mobility: Vec<f64>,
     x: Vec<Vector3<f64>>,
     candidates: Candidates,
+    frames: Frames,
+    sieve: Sieve,
     seen: Vec<u32>,
     poses: Vec<Pose>,
     openings: Vec<Opening>,
@@ -73,6 +75,8 @@ impl FacetContact {
             mobility: vec![1.0; count],
             x: vec![Vector3::zeros(); count],
             candidates: Candidates::default(),
+            frames: Frames::default(),
+            sieve: Sieve::default(),
             seen: vec![0; count],
             poses: Vec::new(),
             openings: Vec::new(),
@@ -178,15 +182,18 @@ impl FacetContact {
 
     /// Fills the lists of contacts.
     fn find(&mut self, folds: &Folds) {
-        let Self { topology, poses, openings, near, order, x, .. } = self;
+        let Self { topology, poses, openings, near, frames, order, x, .. } = self;
         openings.clear();
         let creases = 0..topology.creases.len();
         openings.extend(creases.map(|crease| Opening::between(topology, crease, poses)));
-        near.find_overlaps(topology, poses, x);
+        frames.look(topology, near, poses, x);
+        near.find_overlaps(topology, frames);
         order.decide(topology, folds, near, openings);
         let gaps = Gaps { params: &self.params, topology, openings };
-        node_triangle::find(&mut self.node_triangle, &gaps, near, order, poses, x);
-        edge_edge::find(&mut self.edge_edge, &mut self.candidates, &gaps, near, order, poses, x);
+        let search = node_triangle::Search { gaps: &gaps, near, order, poses, x };
+        search.find(&mut self.node_triangle);
+        let search = edge_edge::Search { gaps: &gaps, near, order, poses, frames };
+        search.find(&mut self.edge_edge, &mut self.candidates, &mut self.sieve);
         self.node_triangle_runs.part(&self.node_triangle, self.x.len());
         self.edge_edge_runs.part(&self.edge_edge, self.x.len());
         let x = &self.x;
@@ -199,7 +206,7 @@ impl FacetContact {
     fn sweep(&mut self, linked: bool, stretched: bool, table_m: Option<f64>) {
         for sweep in 0..self.params.sweeps {
             if linked {
-                links::sweep(&self.topology, &mut self.x, &self.mobility, sweep % 2 == 1);
+                self.topology.links.sweep(&mut self.x, &self.mobility, sweep % 2 == 1);
             }
             let worst = self.solve(sweep % 2 == 1);
             let lifted = self.lift(table_m);

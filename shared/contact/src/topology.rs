@@ -1,5 +1,6 @@
 //! Everything that follows from mesh and facets, rebuilt when a facet is split.
 
+use crate::links::{Link, Links};
 use crate::mesh::{Mesh, NONE};
 use orime_creases::{Facet, Folds};
 
@@ -74,13 +75,14 @@ pub(crate) struct Topology {
     pub of_triangle: Vec<u32>,
     /// Facets that have both ends of each edge; where none has, those of its triangles.
     pub of_edge: Vec<u32>,
+    /// Edges have a slot for each of their facets: the edge of each slot, ascending, and where the
+    /// slots of an edge begin.
+    pub of_slot: Vec<u32>,
+    slots_from: Vec<u32>,
     /// Whether the sheet or a facet ends at the edge.
     pub ends: Vec<bool>,
-    /// Whether a crease cuts the edge between its ends: folded, its chord is shorter.
-    pub cut: Vec<bool>,
-    /// Pairs of nodes two steps apart in one facet, and their rest lengths, metres: they keep it
-    /// flat.
-    pub skips: Vec<([u32; 2], f64)>,
+    /// Edges, and pairs of nodes two steps apart in one facet, which keep it flat.
+    pub links: Links,
     /// Distance of node `n` from crease `c`, metres, at `c·nodes + n`.
     crease_distance_m: Vec<f32>,
     /// Distance of node `n` from vertex `k`, metres, at `k·nodes + n`.
@@ -103,9 +105,10 @@ impl Topology {
             of_node: vec![0; mesh.uv_m.len()],
             of_triangle: Vec::new(),
             of_edge: Vec::new(),
+            of_slot: Vec::new(),
+            slots_from: Vec::new(),
             ends: Vec::new(),
-            cut: Vec::new(),
-            skips: Vec::new(),
+            links: Links::default(),
             facets: Vec::new(),
             creases: Vec::new(),
             crease_distance_m: Vec::new(),
@@ -120,7 +123,7 @@ impl Topology {
             *facets = (0..count).filter(inside).fold(0, |mask, f| mask | 1 << f);
         }
         topology.own_triangles(folds);
-        topology.own_skips();
+        topology.own_links();
         topology.facets = (0..count).map(|facet| topology.facet(folds, facet)).collect();
         topology.own_creases(folds);
         topology.own_vertices();
@@ -143,6 +146,12 @@ impl Topology {
         let at = |k: &usize| self.vertex_distance_m[k * self.of_node.len() + node as usize];
         let shared = &self.shared_vertices[f * self.facets.len() + g];
         f64::from(shared.iter().map(at).fold(f32::INFINITY, f32::min))
+    }
+
+    /// The slot of an edge of facet `g`.
+    pub fn slot(&self, edge: u32, g: usize) -> usize {
+        let before = self.of_edge[edge as usize] & ((1 << g) - 1);
+        (self.slots_from[edge as usize] + before.count_ones()) as usize
     }
 
     pub fn shared_crease(&self, f: usize, g: usize) -> Option<usize> {
@@ -175,32 +184,39 @@ impl Topology {
         let ends = of_both.iter().zip(&mesh.sides);
         self.ends = ends.map(|(both, sides)| rim(sides) || !both.is_power_of_two()).collect();
         let common: Vec<u32> = mesh.edges.iter().map(|edge| of(edge).0).collect();
-        self.cut = common.iter().map(|common| *common == 0).collect();
         let own = |(common, both): (&u32, &u32)| if *common == 0 { *both } else { *common };
         self.of_edge = common.iter().zip(&of_both).map(own).collect();
+        for (edge, facets) in self.of_edge.iter().enumerate() {
+            self.slots_from.push(self.of_slot.len() as u32);
+            self.of_slot.extend((0..facets.count_ones()).map(|_| edge as u32));
+        }
     }
 
-    fn own_skips(&mut self) {
-        let sheet = &self.mesh.sheet;
-        let [rows, columns] = sheet.nodes;
-        let steps_m = sheet.spacing_m();
-        for i in 0..rows {
-            for j in 0..columns {
-                for (axis, [di, dj]) in [[1, 0], [0, 1]].into_iter().enumerate() {
-                    let [ki, kj] = [i + 2 * di, j + 2 * dj];
-                    if ki >= rows || kj >= columns {
-                        continue;
-                    }
-                    let nodes = [[i, j], [i + di, j + dj], [ki, kj]];
-                    let nodes = nodes.map(|[i, j]| sheet.index(i, j) as u32);
-                    let facets =
-                        nodes.iter().fold(u32::MAX, |all, n| all & self.of_node[*n as usize]);
-                    if facets != 0 {
-                        self.skips.push(([nodes[0], nodes[2]], 2.0 * steps_m[axis]));
-                    }
-                }
+    fn own_links(&mut self) {
+        let common =
+            |nodes: &[u32]| nodes.iter().fold(u32::MAX, |a, n| a & self.of_node[*n as usize]);
+        let mesh = &self.mesh;
+        let edges = mesh.edges.iter().zip(&mesh.rest_m).map(|(nodes, rest_m)| Link {
+            nodes: *nodes,
+            rest_m: *rest_m,
+            excess_min_m: if common(nodes) == 0 { 0.0 } else { f64::NEG_INFINITY },
+        });
+        let [rows, columns] = mesh.sheet.nodes;
+        let steps_m = mesh.sheet.spacing_m();
+        let nodes = (0..rows).flat_map(|i| (0..columns).map(move |j| [i, j]));
+        let both = nodes.flat_map(|node| [(0, [1, 0]), (1, [0, 1])].map(|step| (node, step)));
+        let skips = both.filter_map(|([i, j], (axis, [di, dj]))| {
+            let [ki, kj] = [i + 2 * di, j + 2 * dj];
+            if ki >= rows || kj >= columns {
+                return None;
             }
-        }
+            let nodes = [[i, j], [i + di, j + dj], [ki, kj]];
+            let nodes = nodes.map(|[i, j]| mesh.sheet.index(i, j) as u32);
+            let rest_m = 2.0 * steps_m[axis];
+            let nodes = (common(&nodes) != 0).then_some([nodes[0], nodes[2]])?;
+            Some(Link { nodes, rest_m, excess_min_m: f64::NEG_INFINITY })
+        });
+        self.links = Links::new(edges.chain(skips), self.of_node.len());
     }
 
     fn facet(&self, folds: &Folds, facet: usize) -> FacetMesh {

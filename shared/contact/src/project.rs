@@ -348,6 +348,71 @@ mod tests {
         assert!(found[1] > 20, "{found:?}: little was done, little was tested");
     }
 
+    /// Where two segments of the plane cross, as shares of them, by their equations alone.
+    fn crossing([a, b]: [[f64; 3]; 2], [c, d]: [[f64; 3]; 2]) -> Option<[f64; 2]> {
+        let columns = nalgebra::Matrix2::new(b[0] - a[0], c[0] - d[0], b[1] - a[1], c[1] - d[1]);
+        let sine = columns.determinant() / (columns.column(0).norm() * columns.column(1).norm());
+        let at = columns.try_inverse()? * nalgebra::Vector2::new(c[0] - a[0], c[1] - a[1]);
+        let on = at.iter().all(|at| (-0.001..=1.001).contains(at));
+        (sine.abs() > 0.002 && on).then_some([at.x, at.y])
+    }
+
+    #[test]
+    fn edges_that_meet_are_those_of_a_search_over_all() {
+        use crate::runs::Contact;
+        let mut contact = contact(ContactParams::default());
+        let folds = folds();
+        contact.refold(&folds);
+        // Askew, so that edges cross off their ends, and partly through each other.
+        for (x, ([a, b, c], [u, v])) in contact
+            .x
+            .iter_mut()
+            .zip(book(179.0, 3e-4).into_iter().map(|p| p.map(f64::from)).zip(sheet().uv_m()))
+        {
+            let over = (u - 0.075).max(0.0);
+            *x = Vector3::new(a + 0.05 * over, b + 0.04 * over, c + 2e-4 * (90.0 * v).sin());
+        }
+        contact.pose();
+        assert!(contact.near.find_pairs(&contact.topology, &contact.poses));
+        contact.find(&folds);
+        let topology = &contact.topology;
+        let mut all = Vec::new();
+        for [f, g] in [[0, 1], [1, 0]] {
+            let of = |facet: usize| {
+                let edges = 0..topology.mesh.edges.len();
+                edges.filter(move |e| topology.of_edge[*e] == 1 << facet)
+            };
+            let at = |edge: usize| {
+                topology.mesh.edges[edge].map(|n| {
+                    let ([u, v], h) = contact.poses[g].local_m(&contact.x[n as usize]);
+                    [u, v, h]
+                })
+            };
+            for (e, d) in of(f).flat_map(|e| of(g).map(move |d| (e, d))) {
+                let ends = [e, d].map(|edge| topology.ends[edge]);
+                let [p, q] = [e, d].map(|edge| topology.mesh.edges[edge]);
+                // Inner edges meet inner ones once, and where a facet ends it meets all.
+                let once = if ends[0] { f < g || !ends[1] } else { f < g && !ends[1] };
+                if !once || p.iter().any(|n| q.contains(n)) {
+                    continue;
+                }
+                let (mine, theirs) = (at(e), at(d));
+                let Some([s, t]) = crossing(mine, theirs) else { continue };
+                let height = |[a, b]: [[f64; 3]; 2], s: f64| a[2] + s * (b[2] - a[2]);
+                let above_m =
+                    f64::from(contact.order.sign(f, g)) * (height(mine, s) - height(theirs, t));
+                if above_m <= if ends[0] { 2e-3 } else { 2.5e-4 } {
+                    all.push([p[0], p[1], q[0], q[1]]);
+                }
+            }
+        }
+        let mut found: Vec<[u32; 4]> = contact.edge_edge.iter().map(Contact::nodes).collect();
+        found.sort_unstable();
+        all.sort_unstable();
+        assert!(found.len() > 500, "{} contacts: little is tested", found.len());
+        assert!(found == all, "{} found, {} there are", found.len(), all.len());
+    }
+
     #[test]
     fn held_nodes_stay_and_the_table_bears() {
         let mut contact =

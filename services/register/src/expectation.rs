@@ -1,7 +1,7 @@
 //! The E-step's inner kernel: a few observed points against the blocks of components near them.
 //!
-//! Written over [`Lanes`]: every sum runs in sixteen fixed lanes, so that AVX-512, AVX2 and portable
-//! code give the same bits.
+//! Written over [`Lanes`]: every sum runs in sixteen fixed lanes, so that AVX-512, AVX2 and
+//! portable code give the same bits.
 
 use crate::blocks::fold;
 use orime_lanes::{LANES, Lanes, dot, fused_dot, load_points, minus, plus, store_points};

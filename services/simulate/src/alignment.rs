@@ -1,10 +1,10 @@
 //! Where the cameras' world lies in the robot's, learnt from the grippers.
 //!
-//! Calibrated cameras stand some tenths of a millimetre, or a few millimetres, beside where they are
-//! said to; what is common to all of them nothing in their images shows. A gripper whose pose the
-//! robot knows does: the material point that it holds lies where it is held, and the facet that the
-//! point belongs to, fitted to its targets away from the gripper, says where the cameras see it. The
-//! mean of the difference over many steps moves all targets.
+//! Calibrated cameras stand some tenths of a millimetre, or a few millimetres, beside where they
+//! are said to; what is common to all of them nothing in their images shows. A gripper whose pose
+//! the robot knows does: the material point that it holds lies where it is held, and the facet that
+//! the point belongs to, fitted to its targets away from the gripper, says where the cameras see
+//! it. The mean of the difference over many steps moves all targets.
 
 use crate::grips::Grip;
 use orime_creases::{FacetFrame, Folds};

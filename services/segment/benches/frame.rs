@@ -6,19 +6,22 @@
 //! same memory in the same state. Times are the thread's own, so that others on the machine count
 //! only by what they do to caches. Per row: how much of the colour image was looked at, the median
 //! and the tenth percentile of a frame's milliseconds, the frame's megabytes a second, and how
-//! many copies a frame costs (medians, tenth percentiles). `-- --frames N [EVERY]` segments N
+//! many copies a frame costs (medians, tenth percentiles). The last row is the whole square base
+//! for the paper's five cameras, a tenth of its frames. `-- --frames N [EVERY]` segments N
 //! frames of the first camera and nothing else, with every so many as a whole, for callgrind.
 
 use std::hint::black_box;
+use std::ops::Range;
 
-use orime_capture::{CaptureParams, FaultPreset, FrameSource, SequenceKind, open};
+use orime_capture::{CaptureParams, FaultPreset, FrameSource, SequenceKind, Viewpoints, open};
 use orime_geometry::{Edgel, ObservedPoint, RgbdCamera, RgbdFrame, RgbdFrameMut, SheetGrid};
 use orime_segment::{ObservedMut, SegmentParams, Segmenter};
 use rustix::time::{ClockId, clock_gettime};
 
 /// The frames: from here on the sheet is in motion.
-const FIRST: u64 = 20;
-const STEPS: u64 = 48;
+const STEPS: Range<u64> = 20..68;
+/// Every so many steps of the whole square base, this many in a row are looked at.
+const STRETCH: [u64; 2] = [60, 6];
 const PASSES: usize = 4;
 
 /// What this thread has computed so far, milliseconds: others on the machine do not count.
@@ -35,18 +38,29 @@ fn sheet() -> SheetGrid {
 }
 
 /// The cameras, and the frames of each.
-fn render(sequence: SequenceKind) -> (Vec<RgbdCamera>, Vec<Vec<Frame>>) {
+fn render(
+    sequence: SequenceKind,
+    viewpoints: Viewpoints,
+    steps: Range<u64>,
+) -> (Vec<RgbdCamera>, Vec<Vec<Frame>>) {
     let mut params = CaptureParams::default();
     params.rendered.sequence = sequence;
+    params.rendered.viewpoints = viewpoints;
     params.rendered.faults = FaultPreset::Noise;
     let config = params.check().expect("the bench's own parameters are good");
     let mut source = open(&config, &sheet()).expect("the source opens");
     let cameras = source.cameras().to_vec();
-    let frames = (0..cameras.len()).map(|k| film(source.as_mut(), &cameras[k], k)).collect();
+    let film_of = |k| film(source.as_mut(), &cameras[k], k, steps.clone());
+    let frames = (0..cameras.len()).map(film_of).collect();
     (cameras, frames)
 }
 
-fn film(source: &mut dyn FrameSource, camera: &RgbdCamera, index: usize) -> Vec<Frame> {
+fn film(
+    source: &mut dyn FrameSource,
+    camera: &RgbdCamera,
+    index: usize,
+    steps: Range<u64>,
+) -> Vec<Frame> {
     let read = |step| {
         let (mut rgb, mut depth) =
             (vec![0; 3 * camera.color.pixels()], vec![0; camera.depth.pixels()]);
@@ -54,7 +68,7 @@ fn film(source: &mut dyn FrameSource, camera: &RgbdCamera, index: usize) -> Vec<
         source.read(step, index, frame).expect("the frame is whole");
         (rgb, depth)
     };
-    (FIRST..FIRST + STEPS).map(read).collect()
+    steps.map(read).collect()
 }
 
 /// One camera's segmenter, and room for what it finds.
@@ -96,9 +110,16 @@ struct Look {
     copy_ms: f64,
 }
 
-/// All looks at a camera's frames, but those of the first pass.
-fn measure(camera: &RgbdCamera, frames: &[Frame], whole_image_every: u32) -> Vec<Look> {
+/// All looks at a camera's frames, but those of the first pass, after it has learnt the sheet from
+/// others.
+fn measure(
+    camera: &RgbdCamera,
+    lesson: &[Frame],
+    frames: &[Frame],
+    whole_image_every: u32,
+) -> Vec<Look> {
     let mut stage = Stage::new(camera, whole_image_every);
+    lesson.iter().for_each(|frame| drop(stage.see(frame)));
     let (mut rgb, mut depth) = (frames[0].0.clone(), frames[0].1.clone());
     let (mut looks, mut lost) = (Vec::new(), 0);
     for pass in 0..=PASSES {
@@ -149,6 +170,30 @@ fn print(name: &str, bytes: usize, looks: &[Look]) {
     );
 }
 
+fn bytes(camera: &RgbdCamera) -> usize {
+    3 * camera.color.pixels() + 2 * camera.depth.pixels()
+}
+
+fn mean_ms(looks: &[Look]) -> f64 {
+    looks.iter().map(|look| look.segment_ms).sum::<f64>() / looks.len() as f64
+}
+
+/// A tenth of the whole square base, five cameras.
+fn whole_sequence() {
+    let whole_image_every = SegmentParams::default().whole_image_every;
+    let (cameras, lessons) = render(SequenceKind::SquareBase, Viewpoints::Five, 0..4);
+    let mut all = Vec::new();
+    for first in (0..580).step_by(STRETCH[0] as usize) {
+        let steps = first..(first + STRETCH[1]).min(581);
+        let (_, frames) = render(SequenceKind::SquareBase, Viewpoints::Five, steps);
+        for ((camera, lesson), frames) in cameras.iter().zip(&lessons).zip(&frames) {
+            all.extend(measure(camera, lesson, frames, whole_image_every));
+        }
+    }
+    print("whole square base, five cameras", bytes(&cameras[0]), &all);
+    println!("whole square base: {:.3} ms a frame on average", mean_ms(&all));
+}
+
 fn compare() {
     println!("one core, one camera at a time");
     println!(
@@ -158,11 +203,12 @@ fn compare() {
     for (name, sequence) in
         [("half fold", SequenceKind::HalfFold), ("square base", SequenceKind::SquareBase)]
     {
-        let (cameras, frames) = render(sequence);
-        let bytes = 3 * cameras[0].color.pixels() + 2 * cameras[0].depth.pixels();
+        let (cameras, frames) = render(sequence, Viewpoints::Three, STEPS);
+        let bytes = bytes(&cameras[0]);
         let all = |whole_image_every| -> Vec<Look> {
             let each = cameras.iter().zip(&frames);
-            each.flat_map(|(camera, frames)| measure(camera, frames, whole_image_every)).collect()
+            each.flat_map(|(camera, frames)| measure(camera, &[], frames, whole_image_every))
+                .collect()
         };
         print(&format!("{name}, whole image"), bytes, &all(1));
         let looks = all(SegmentParams::default().whole_image_every);
@@ -170,9 +216,9 @@ fn compare() {
             looks.iter().partition(|look| look.share == 1.0);
         print(&format!("{name}, windows"), bytes, &narrow);
         print(&format!("{name}, whole image in between"), bytes, &wide);
-        let mean = looks.iter().map(|look| look.segment_ms).sum::<f64>() / looks.len() as f64;
-        println!("{name}: {mean:.3} ms a frame on average, windows and whole images");
+        println!("{name}: {:.3} ms a frame on average, windows and whole images", mean_ms(&looks));
     }
+    whole_sequence();
 }
 
 fn main() {
@@ -182,10 +228,10 @@ fn main() {
     let Some(at) = arguments.iter().position(|argument| argument == "--frames") else {
         return pool.install(compare);
     };
-    let frames = arguments.get(at + 1).and_then(|n| n.parse().ok()).unwrap_or(STEPS as usize);
+    let frames = arguments.get(at + 1).and_then(|n| n.parse().ok()).unwrap_or(STEPS.count());
     let whole_image_every = arguments.get(at + 2).and_then(|n| n.parse().ok()).unwrap_or(16);
     pool.install(|| {
-        let (cameras, film) = render(SequenceKind::SquareBase);
+        let (cameras, film) = render(SequenceKind::SquareBase, Viewpoints::Three, STEPS);
         let mut stage = Stage::new(&cameras[0], whole_image_every);
         let there_and_back = film[0].iter().chain(film[0].iter().rev()).cycle();
         let seen: f64 = there_and_back.take(frames).map(|frame| stage.see(frame).0).sum();

@@ -119,7 +119,9 @@ fn measure(
     whole_image_every: u32,
 ) -> Vec<Look> {
     let mut stage = Stage::new(camera, whole_image_every);
-    lesson.iter().for_each(|frame| drop(stage.see(frame)));
+    for frame in lesson {
+        stage.see(frame);
+    }
     let (mut rgb, mut depth) = (frames[0].0.clone(), frames[0].1.clone());
     let (mut looks, mut lost) = (Vec::new(), 0);
     for pass in 0..=PASSES {

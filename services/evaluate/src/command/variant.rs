@@ -27,7 +27,13 @@ impl Variant {
 
     /// Parses a list as in `--variants`.
     pub fn parse_all(text: &str) -> anyhow::Result<Vec<Self>> {
-        text.split(',').map(str::trim).filter(|one| !one.is_empty()).map(Self::parse).collect()
+        // A comma inside brackets belongs to an array.
+        let mut depth = 0;
+        let apart = |c: char| {
+            depth += i32::from(c == '[') - i32::from(c == ']');
+            c == ',' && depth == 0
+        };
+        text.split(apart).map(str::trim).filter(|one| !one.is_empty()).map(Self::parse).collect()
     }
 
     fn parse(text: &str) -> anyhow::Result<Self> {
@@ -115,6 +121,10 @@ mod tests {
         assert_eq!(changed["register"]["flatness"].as_integer(), Some(0));
         assert_eq!(changed["capture"]["rendered"]["faults"].as_str(), Some("real"));
         assert_eq!(changed["name"].as_str(), Some("x"));
+        let arrays = Variant::parse_all("a:x.y=[1, 2];x.z=3,b:x.y=[[4], [5, 6]]").unwrap();
+        let array = |k: usize| arrays[k].keys()[0].1.to_string();
+        assert_eq!((arrays.len(), array(0), arrays[0].keys().len()), (2, "[1, 2]".to_owned(), 2));
+        assert_eq!(array(1), "[[4], [5, 6]]");
         assert!(Variant::parse_all("nonsense").is_err());
         assert!(Variant::parse_all("own:name.x=1").unwrap()[0].apply(text).is_err());
         let clustering = &Variant::parse_all("cpd_clustering").unwrap()[0];

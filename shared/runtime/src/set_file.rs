@@ -255,6 +255,10 @@ mod tests {
         let register: Table = set.section("register").unwrap();
         assert_eq!(register["points_max"].as_integer(), Some(1234));
         assert!(register["iterations_max"].as_integer().is_some());
+        let nodes = |set: &SetFile| set.section::<Table>("sheet").unwrap().remove("nodes");
+        assert_eq!(nodes(&set).map(|nodes| nodes.to_string()), Some("[13, 13]".to_owned()));
+        let own = parse("profile = \"fast\"\n[sheet]\nnodes = [9, 9]").unwrap();
+        assert_eq!(nodes(&own).map(|nodes| nodes.to_string()), Some("[9, 9]".to_owned()));
         let balanced = parse("profile = \"balanced\"").unwrap();
         assert_eq!(balanced.section::<Table>("register").unwrap(), Table::new());
         assert!(profiles().contains_key("exact"));

@@ -2,9 +2,8 @@
 //!
 //! A camera's transfer curve and sharpening move the borders between ink and paper, and with them
 //! the sides of a marker's black square: taken for its size, the square puts the marker too far
-//! away, and depth seems short. So the corners are those of the marker's grid
-//! ([`orime_markers::fit_grid`]), which that motion does not touch. Markers whose own grid says
-//! nothing (seen at a slant, small) have their square moved back by what their camera's others say.
+//! away, and depth seems short. So squares are moved back by what the markers' grids say
+//! ([`crate::border_shift`]).
 
 use std::collections::BTreeMap;
 
@@ -12,10 +11,10 @@ use orime_capture::FrameSource;
 use orime_geometry::nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use orime_geometry::{CameraModel, RgbdCamera, RgbdFrameMut};
 use orime_markers::{
-    Detector, Dictionary, GreyImage, GridFit, Marker, fit_grid, grey_from_rgb, moved_outwards,
+    Detector, Dictionary, GreyImage, Marker, fit_grid, grey_from_rgb, moved_outwards,
 };
 
-use crate::fit::median;
+use crate::border_shift::{BorderShift, GridShift, border_shift};
 use crate::square::{SquarePose, square_poses};
 
 /// Depth is sampled on a grid of this many places along each side of a marker.
@@ -28,29 +27,6 @@ const DEPTH_SHARE_MIN: f64 = 0.5;
 const DEPTH_ERROR_MAX_M: f64 = 0.04;
 /// Corners farther than this from every pose of a square are no square's, pixels.
 const RMS_MAX_PX: f64 = 2.0;
-
-/// So many grids of a camera say how far it moves borders.
-const GRIDS_MIN: usize = 3;
-
-/// Where a view's corners are from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum CornersBy {
-    /// The marker's own grid.
-    Grid,
-    /// Its black square, moved back by its camera's border shift.
-    MovedSquare,
-    /// Its black square as it looks: its camera's border shift is not known.
-    Square,
-}
-
-/// How far a camera moves the borders between ink and paper.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct BorderShift {
-    /// Towards the ink, median over the markers whose grid says it, pixels.
-    pub shift_px: f64,
-    /// Median of what each of these is uncertain by (one sigma), pixels.
-    pub sigma_px: f64,
-}
 
 /// One depth value inside a marker.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -74,8 +50,6 @@ pub struct View {
     pub side_m: f64,
     /// Its corners as viewing rays at z = 1, free of distortion, in the detector's order.
     pub rays: [Vector2<f64>; 4],
-    /// Where the corners are from.
-    pub corners_by: CornersBy,
     /// Poses that explain the corners, the better one first; at least one.
     pub poses: Vec<SquarePose>,
     /// Depth inside it; empty where the camera measured none that can be used.
@@ -93,8 +67,9 @@ pub struct Observations {
     pub steps: u64,
     /// Every marker of every image.
     pub views: Vec<View>,
-    /// Per camera; `None` where too few markers' grids say it.
-    pub border_shift: Vec<Option<BorderShift>>,
+    /// What the markers' squares were moved back by; `None` where too few grids say it: then the
+    /// squares are as they look.
+    pub border_shift: Option<BorderShift>,
     /// Frames that could not be read.
     pub unreadable: u64,
 }
@@ -133,42 +108,28 @@ pub fn observe(
             sights.extend(found.filter_map(|marker| eye.sight(image, &dictionary, marker)));
         }
     }
-    let border_shift = (0..cameras.len()).map(|camera| border_shift(&sights, camera)).collect();
+    let grids: Vec<GridShift> = sights.iter().filter_map(|sight| sight.grid).collect();
+    let border_shift = border_shift(&grids, cameras.len());
     let mut seen = Observations { cameras, side_m, steps, views: vec![], border_shift, unreadable };
     seen.views = sights.into_iter().filter_map(|sight| settled(sight, &seen)).collect();
     seen
 }
 
-/// A view beside what it was made of.
+/// A view by its square as it looks, beside what else the image says of it.
 struct Sight {
     view: View,
-    /// Corners of the black square.
     square_px: [[f64; 2]; 4],
-    grid: Option<GridFit>,
+    grid: Option<GridShift>,
 }
 
-/// What the camera's markers say together; of an even number the lower middle.
-fn border_shift(sights: &[Sight], camera: usize) -> Option<BorderShift> {
-    let grids = sights.iter().filter(|s| s.view.camera == camera).filter_map(|s| s.grid);
-    let (mut shifts, mut sigmas): (Vec<f64>, Vec<f64>) =
-        grids.map(|grid| (grid.shift_px, grid.shift_sigma_px)).unzip();
-    if shifts.len() < GRIDS_MIN {
-        return None;
-    }
-    Some(BorderShift { shift_px: median(&mut shifts)?, sigma_px: median(&mut sigmas)? })
-}
-
-/// The view with its square moved by its camera's border shift, if it has no grid of its own.
+/// The view by its square moved back by its camera's border shift.
 fn settled(sight: Sight, seen: &Observations) -> Option<View> {
-    let Sight { mut view, square_px, grid } = sight;
-    let Some(shift) = seen.border_shift[view.camera].filter(|_| grid.is_none()) else {
-        return Some(view);
-    };
+    let Sight { mut view, square_px, .. } = sight;
+    let Some(shift) = &seen.border_shift else { return Some(view) };
     let lens = &seen.cameras[view.camera].color;
-    let corners_px = moved_outwards(&square_px, shift.shift_px);
+    let corners_px = moved_outwards(&square_px, shift.used_px[view.camera]);
     view.poses = poses(lens, &corners_px, view.side_m)?;
     view.rays = rays(lens, &corners_px);
-    view.corners_by = CornersBy::MovedSquare;
     Some(view)
 }
 
@@ -191,29 +152,31 @@ struct Eye<'a> {
 }
 
 impl Eye<'_> {
-    /// A marker by its grid, or by its square as it looks.
     fn sight(
         &self,
         image: GreyImage<'_>,
         dictionary: &Dictionary,
         marker: &Marker,
     ) -> Option<Sight> {
-        let grid = fit_grid(image, dictionary, marker).ok();
-        let corners_px = grid.map_or(marker.corners_px, |grid| grid.corners_px);
-        let lens = &self.camera.color;
-        let poses = poses(lens, &corners_px, self.side_m)?;
+        let (lens, square_px) = (&self.camera.color, marker.corners_px);
+        let poses = poses(lens, &square_px, self.side_m)?;
         let best = &poses[0].camera_from_marker;
         let view = View {
             camera: self.index,
             step: self.step,
             id: marker.id,
             side_m: self.side_m,
-            rays: rays(lens, &corners_px),
-            corners_by: if grid.is_some() { CornersBy::Grid } else { CornersBy::Square },
+            rays: rays(lens, &square_px),
             depth: depth_inside(self.camera, best, self.side_m, self.depth_units),
             poses,
         };
-        Some(Sight { view, square_px: marker.corners_px, grid })
+        let grid = fit_grid(image, dictionary, marker).ok().map(|fit| GridShift {
+            camera: self.index,
+            id: marker.id,
+            shift_px: fit.shift_px,
+            side_px: fit.side_px(),
+        });
+        Some(Sight { view, square_px, grid })
     }
 }
 

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use orime_calibrate::agreement::left_out;
 use orime_calibrate::command::{Arguments, run};
 use orime_calibrate::fit::{FitError, fit};
-use orime_calibrate::observe::{CornersBy, DepthSample, Observations, View, plane_depth_m};
+use orime_calibrate::observe::{DepthSample, Observations, View, plane_depth_m};
 use orime_calibrate::square::{corners_m, square_poses};
 use orime_calibration::{Calibration, doubts, doubts_of_depth};
 use orime_capture::{CaptureParams, FrameSource, TargetKind, open};
@@ -111,15 +111,13 @@ fn observations(steps: u64, corner_px: f64, depth_m: f64) -> Observations {
                     id: id as u32,
                     side_m: SIDE_M,
                     rays: corners_px.map(|px| camera.color.ray(Vector2::from(px)).xy()),
-                    corners_by: CornersBy::Grid,
                     depth: depth.collect(),
                     poses: square_poses(&camera.color, &corners_px, SIDE_M),
                 });
             }
         }
     }
-    let border_shift = vec![None; cameras.len()];
-    Observations { cameras, side_m: SIDE_M, steps, views, border_shift, unreadable: 0 }
+    Observations { cameras, side_m: SIDE_M, steps, views, border_shift: None, unreadable: 0 }
 }
 
 /// Largest error of the cameras' places, millimetres, and turns, degrees.

@@ -75,6 +75,17 @@ pub struct GridFit {
     pub rms_px: f64,
 }
 
+impl GridFit {
+    /// Mean length of the sides, pixels.
+    pub fn side_px(&self) -> f64 {
+        let side = |k: usize| {
+            let (a, b) = (self.corners_px[k], self.corners_px[(k + 1) % 4]);
+            (b[0] - a[0]).hypot(b[1] - a[1])
+        };
+        (0..4).map(side).sum::<f64>() / 4.0
+    }
+}
+
 /// Why a marker's grid says nothing. Expected in operation: keep the detector's corners.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[non_exhaustive]

@@ -225,6 +225,17 @@ fn three_real_cameras_agree_better_than_their_source_says() {
         assert!(mm < 2.7, "{pair}");
         assert!(mm < pair["source_agreement_mm_median"].as_f64().unwrap(), "{pair}");
     }
+    // Its depth reads 2 to 4 mm long by every scale that a camera's curve does not move.
+    assert_eq!(figures["scale"], "grid");
+    let shift = &figures["border_shift"];
+    assert!(shift["sigma_px"].as_f64().unwrap() < 0.03, "{shift}");
+    for camera in figures["cameras"].as_array().unwrap() {
+        let [bias_mm, sigma_mm] =
+            ["depth_bias_mm", "depth_bias_sigma_mm"].map(|key| camera[key].as_f64().unwrap());
+        assert!((1.5..4.5).contains(&bias_mm) && sigma_mm < 0.5, "{camera}");
+    }
+    let report = std::fs::read_to_string(out.join("report.md")).unwrap();
+    assert!(report.contains("scale: the markers' grids"), "{report}");
     // The cube's opposite faces are 30 mm apart, which no parameter says.
     let centre = |id: u64| {
         let marker = figures["target"].as_array().unwrap().iter().find(|m| m["id"] == id).unwrap();

@@ -249,9 +249,11 @@ fn three_real_cameras_agree_better_than_their_source_says() {
     params.calibration.file = Some(out.join("calibration.toml").to_string_lossy().into_owned());
     let sheet = set.checked("sheet", SheetParams::check).unwrap();
     let source = open(&params.check().unwrap(), &sheet).unwrap();
+    params.calibration.correct_depth = false;
+    let uncorrected = open(&params.check().unwrap(), &sheet).unwrap();
     assert_eq!(doubts(source.cameras()), Vec::<String>::new());
     assert!(source.cameras().iter().all(|camera| camera.depth_m_per_unit == 1e-4));
-    corrected_depth_is_the_raw_one_without_its_bias(&set, source, &figures);
+    corrected_depth_is_the_raw_one_without_its_bias(&set, source, uncorrected, &figures);
     let pictures = std::fs::read_dir(&out).unwrap().filter(|entry| {
         entry.as_ref().unwrap().path().extension().is_some_and(|ending| ending == "png")
     });
@@ -259,10 +261,11 @@ fn three_real_cameras_agree_better_than_their_source_says() {
     std::fs::remove_dir_all(&out).unwrap();
 }
 
-/// The first image of every camera, pixel by pixel.
+/// The first image of every camera, pixel by pixel; without `correct_depth` it is the raw one.
 fn corrected_depth_is_the_raw_one_without_its_bias(
     set: &SetFile,
     mut corrected: Box<dyn FrameSource>,
+    mut uncorrected: Box<dyn FrameSource>,
     figures: &serde_json::Value,
 ) {
     let params: CaptureParams = set.section("capture").unwrap();
@@ -279,6 +282,7 @@ fn corrected_depth_is_the_raw_one_without_its_bias(
     for camera in 0..3 {
         let bias_mm = figures["cameras"][camera]["depth_bias_mm"].as_f64().unwrap();
         let [before, after] = [depth_m(raw.as_mut(), camera), depth_m(corrected.as_mut(), camera)];
+        assert_eq!(depth_m(uncorrected.as_mut(), camera), before, "camera {camera}");
         for (before_m, after_m) in before.iter().zip(&after) {
             // Beyond 6.55 m nothing is left; the median in the figures is not quite the fit.
             let expected_m = if *before_m == 0.0 || *before_m > 6.5 { 0.0 } else { *before_m };

@@ -1,8 +1,8 @@
 //! How far a recording moves the borders between ink and paper, by its markers' grids.
 //!
-//! Each marker's grid says a shift of its own (`orime_markers::fit_grid`). A print's modules are off
-//! by a printer's dots, alike wherever the marker is seen, which scatters the shifts of real
-//! markers ten times as much as noise does. So views of one marker by one camera are one witness,
+//! Each marker's grid says a shift of its own (`orime_markers::fit_grid`). On real ones these
+//! scatter far more than the borders of each say, from marker to marker (prints are off by a
+//! printer's dots) and from view to view. So views of one marker by one camera are one witness,
 //! and the witnesses of all cameras are heard together: cameras of one make treat an image alike.
 
 use std::collections::BTreeMap;

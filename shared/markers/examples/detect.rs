@@ -1,4 +1,4 @@
-//! Prints the markers of images as JSON, one line an image:
+//! Prints the markers of images and their grids as JSON, one line an image:
 //! `cargo run --release -p orime-markers --example detect -- DICT IMAGE...`
 //!
 //! DICT is the name of a predefined dictionary or the path of a YAML file. `--repeat N` first

@@ -120,8 +120,8 @@ pub enum GridRefusal {
 /// The corners of a marker by its grid; `marker` is what [`crate::Detector`] found in `image`
 /// with `dictionary`.
 ///
-/// O(modules² · steps): about 50 borders of 65 samples a step, four or five steps. Equal images
-/// give equal bits.
+/// O(modules² · steps): about 50 borders of 85 samples a step, some ten steps; 0.3 ms a marker of
+/// `DICT_4X4_50`, where finding all of an image costs 2 ms. Equal images give equal bits.
 pub fn fit_grid(
     image: GreyImage<'_>,
     dictionary: &Dictionary,
@@ -156,9 +156,9 @@ pub fn fit_grid(
     Err(GridRefusal::Unsettled)
 }
 
-/// The corners that a marker's grid has if its borders lie `shift_px` on the black's side of it: the
-/// outer square's sides moved outwards by as much. For markers whose own grid says nothing, in an
-/// image of whose shift other markers tell. The square as it is where its sides are no square's.
+/// The corners that a marker's grid has if its borders lie `shift_px` on the black's side of it:
+/// the outer square's sides moved outwards by as much. For markers whose own grid says nothing, in
+/// an image of whose shift other markers tell. The square as it is where its sides do not cross.
 pub fn moved_outwards(corners_px: &[[f64; 2]; 4], shift_px: f64) -> [[f64; 2]; 4] {
     let sides = [0, 1, 2, 3].map(|k| {
         let (a, b) = (corners_px[k], corners_px[(k + 1) % 4]);

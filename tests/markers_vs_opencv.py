@@ -24,14 +24,17 @@ ARUCO, CUBE = DATA / "aruco", DATA / "three_cameras"
 INSET_PX = 0.4
 
 
-def detect_ours(dictionary, images, repeat):
+def detect_ours(dictionary, images, repeat, grid=False):
+    """Per image the numbers and corners of its markers, and milliseconds; with `grid` the corners
+    of those markers whose grid could be read, by the grid."""
     command = ["cargo", "run", "--release", "--quiet", "-p", "orime-markers", "--example", "detect"]
     command += ["--", "--repeat", str(repeat), str(dictionary), *map(str, images)]
     done = subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True)
     found = {}
     for line in done.stdout.splitlines():
         line = json.loads(line)
-        markers = [(m["id"], np.array(m["corners_px"])) for m in line["markers"]]
+        each = [(m["id"], m["grid"] if grid else m) for m in line["markers"]]
+        markers = [(i, np.array(m["corners_px"])) for i, m in each if "corners_px" in m]
         found[Path(line["image"])] = (markers, line["ms"])
     return found
 
@@ -59,13 +62,13 @@ def detect_opencv(dictionary, images, repeat):
     return found
 
 
-def inset(corners):
-    """Moves the sides inwards by INSET_PX: gold corners are the last dark pixels' centres."""
+def inset(corners, inset_px=INSET_PX):
+    """Moves the sides inwards: gold corners are the last dark pixels' centres."""
     lines = []
     for a, b in zip(corners, np.roll(corners, -1, axis=0)):
         along = (b - a) / np.linalg.norm(b - a)
         normal = np.array([-along[1], along[0]])  # Inwards: corners are clockwise, y is down.
-        lines.append((normal, normal @ a + INSET_PX))
+        lines.append((normal, normal @ a + inset_px))
     return np.array(
         [
             np.linalg.solve([lines[k - 1][0], lines[k][0]], [lines[k - 1][1], lines[k][1]])

@@ -1,12 +1,20 @@
 //! What the cameras see of the markers: corners in the colour image, depth inside the corners.
+//!
+//! A camera's transfer curve and sharpening move the borders between ink and paper, and with them
+//! the sides of a marker's black square: taken for its size, the square puts the marker too far
+//! away, and depth seems short. So squares are moved back by what the markers' grids say
+//! ([`crate::border_shift`]).
 
 use std::collections::BTreeMap;
 
 use orime_capture::FrameSource;
 use orime_geometry::nalgebra::{Isometry3, Point3, Vector2, Vector3};
-use orime_geometry::{RgbdCamera, RgbdFrameMut};
-use orime_markers::{Detector, Marker};
+use orime_geometry::{CameraModel, RgbdCamera, RgbdFrameMut};
+use orime_markers::{
+    Detector, Dictionary, GreyImage, Marker, fit_grid, grey_from_rgb, moved_outwards,
+};
 
+use crate::border_shift::{BorderShift, GridShift, border_shift};
 use crate::square::{SquarePose, square_poses};
 
 /// Depth is sampled on a grid of this many places along each side of a marker.
@@ -59,6 +67,9 @@ pub struct Observations {
     pub steps: u64,
     /// Every marker of every image.
     pub views: Vec<View>,
+    /// What the markers' squares were moved back by; `None` where too few grids say it: then the
+    /// squares are as they look.
+    pub border_shift: Option<BorderShift>,
     /// Frames that could not be read.
     pub unreadable: u64,
 }
@@ -73,8 +84,8 @@ pub fn observe(
     let cameras = source.cameras().to_vec();
     let all = source.steps().unwrap_or(steps_max);
     let steps = all.min(steps_max);
-    let mut seen =
-        Observations { cameras: cameras.clone(), side_m, steps, views: vec![], unreadable: 0 };
+    let dictionary = detector.dictionary().clone();
+    let (mut sights, mut unreadable, mut grey) = (vec![], 0, vec![]);
     for k in 0..steps {
         let step = k * all / steps;
         for (index, camera) in cameras.iter().enumerate() {
@@ -82,20 +93,44 @@ pub fn observe(
             let mut depth_units = vec![0; camera.depth.pixels()];
             let frame = RgbdFrameMut { color_rgb: &mut color_rgb, depth_units: &mut depth_units };
             if source.read(step, index, frame).is_err() {
-                seen.unreadable += 1;
+                unreadable += 1;
                 continue;
             }
             let [width, height] = [camera.color.width, camera.color.height].map(|n| n as usize);
-            let Ok(markers) = detector.detect_rgb(width, height, &color_rgb) else {
-                seen.unreadable += 1;
+            let image = grey_from_rgb(width, height, &color_rgb, &mut grey)
+                .and_then(|()| GreyImage::new(width, height, &grey));
+            let Ok(image) = image else {
+                unreadable += 1;
                 continue;
             };
-            let found = unique(markers)
-                .filter_map(|marker| view(camera, index, step, marker, side_m, &depth_units));
-            seen.views.extend(found);
+            let eye = Eye { camera, index, step, side_m, depth_units: &depth_units };
+            let found = unique(detector.detect(image));
+            sights.extend(found.filter_map(|marker| eye.sight(image, &dictionary, marker)));
         }
     }
+    let grids: Vec<GridShift> = sights.iter().filter_map(|sight| sight.grid).collect();
+    let border_shift = border_shift(&grids, cameras.len());
+    let mut seen = Observations { cameras, side_m, steps, views: vec![], border_shift, unreadable };
+    seen.views = sights.into_iter().filter_map(|sight| settled(sight, &seen)).collect();
     seen
+}
+
+/// A view by its square as it looks, beside what else the image says of it.
+struct Sight {
+    view: View,
+    square_px: [[f64; 2]; 4],
+    grid: Option<GridShift>,
+}
+
+/// The view by its square moved back by its camera's border shift.
+fn settled(sight: Sight, seen: &Observations) -> Option<View> {
+    let Sight { mut view, square_px, .. } = sight;
+    let Some(shift) = &seen.border_shift else { return Some(view) };
+    let lens = &seen.cameras[view.camera].color;
+    let corners_px = moved_outwards(&square_px, shift.used_px[view.camera]);
+    view.poses = poses(lens, &corners_px, view.side_m)?;
+    view.rays = rays(lens, &corners_px);
+    Some(view)
 }
 
 /// Markers whose number occurs once: of two that bear it, nobody can say which is which.
@@ -107,26 +142,54 @@ fn unique(markers: &[Marker]) -> impl Iterator<Item = &Marker> {
     markers.iter().filter(move |marker| count[&marker.id] == 1)
 }
 
-fn view(
-    camera: &RgbdCamera,
+/// One camera at one instant.
+struct Eye<'a> {
+    camera: &'a RgbdCamera,
     index: usize,
     step: u64,
-    marker: &Marker,
     side_m: f64,
-    depth_units: &[u16],
-) -> Option<View> {
-    let mut poses = square_poses(&camera.color, &marker.corners_px, side_m);
+    depth_units: &'a [u16],
+}
+
+impl Eye<'_> {
+    fn sight(
+        &self,
+        image: GreyImage<'_>,
+        dictionary: &Dictionary,
+        marker: &Marker,
+    ) -> Option<Sight> {
+        let (lens, square_px) = (&self.camera.color, marker.corners_px);
+        let poses = poses(lens, &square_px, self.side_m)?;
+        let best = &poses[0].camera_from_marker;
+        let view = View {
+            camera: self.index,
+            step: self.step,
+            id: marker.id,
+            side_m: self.side_m,
+            rays: rays(lens, &square_px),
+            depth: depth_inside(self.camera, best, self.side_m, self.depth_units),
+            poses,
+        };
+        let grid = fit_grid(image, dictionary, marker).ok().map(|fit| GridShift {
+            camera: self.index,
+            id: marker.id,
+            shift_px: fit.shift_px,
+            side_px: fit.side_px(),
+        });
+        Some(Sight { view, square_px, grid })
+    }
+}
+
+/// Corners as viewing rays at z = 1.
+fn rays(lens: &CameraModel, corners_px: &[[f64; 2]; 4]) -> [Vector2<f64>; 4] {
+    corners_px.map(|px| lens.ray(Vector2::from(px)).xy())
+}
+
+/// Poses that explain the corners, at least one.
+fn poses(lens: &CameraModel, corners_px: &[[f64; 2]; 4], side_m: f64) -> Option<Vec<SquarePose>> {
+    let mut poses = square_poses(lens, corners_px, side_m);
     poses.retain(|pose| pose.rms_px < RMS_MAX_PX);
-    let best = poses.first()?.camera_from_marker;
-    Some(View {
-        camera: index,
-        step,
-        id: marker.id,
-        side_m,
-        rays: marker.corners_px.map(|px| camera.color.ray(Vector2::from(px)).xy()),
-        depth: depth_inside(camera, &best, side_m, depth_units),
-        poses,
-    })
+    (!poses.is_empty()).then_some(poses)
 }
 
 /// Depth at a grid of places inside the marker, seen by the depth camera; nothing if too few of

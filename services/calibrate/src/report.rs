@@ -6,6 +6,7 @@ use orime_geometry::nalgebra::Isometry3;
 use serde::Serialize;
 
 use crate::agreement::{PARTS, PairAgreement};
+use crate::border_shift::BorderShift;
 use crate::bundle::Termination;
 use crate::fit::Fit;
 use crate::observe::Observations;
@@ -24,10 +25,24 @@ pub struct Report {
     /// Agreement is measured on frame sets left out of the fit; there were so many fits.
     fits_with_parts_left_out: u64,
     termination: Termination,
+    /// What the size of the markers was taken from.
+    scale: Scale,
+    /// How far borders between ink and paper were off; `null` where too few grids said it.
+    border_shift: Option<BorderShift>,
     cameras: Vec<CameraFigures>,
     pairs: Vec<PairAgreement>,
     target: Vec<MarkerPlace>,
     warnings: Vec<String>,
+}
+
+/// What the size of the markers was taken from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+enum Scale {
+    /// Their grids: squares moved back by the border shift.
+    Grid,
+    /// Their black squares as they look.
+    Square,
 }
 
 #[derive(Debug, Clone, Serialize)]
@@ -37,6 +52,8 @@ struct CameraFigures {
     corner_px: f64,
     /// Median of measured − true depth at `depth_at_m`; `null` where too little depth was seen.
     depth_bias_mm: Option<f64>,
+    /// What the border shift makes uncertain in it (one sigma); `null` where that is not known.
+    depth_bias_sigma_mm: Option<f64>,
     depth_scale: Option<f64>,
     depth_at_m: Option<f64>,
     /// Median distance of corrected depth from the markers' planes.
@@ -54,6 +71,10 @@ struct MarkerPlace {
     centre_mm: [f64; 3],
 }
 
+const SQUARE_WARNING: &str = "the markers' grids could not be read (modules of 2.5 pixels and two \
+    different markers are needed): their black squares are taken as they look, which a camera's \
+    curve makes smaller, and depth then seems short by millimetres";
+
 impl Report {
     /// The report of a fit.
     pub fn new(
@@ -61,8 +82,13 @@ impl Report {
         seen: &Observations,
         found: &Fit,
         pairs: Vec<PairAgreement>,
-        warnings: Vec<String>,
+        mut warnings: Vec<String>,
     ) -> Self {
+        let shift = seen.border_shift.as_ref();
+        if shift.is_none() {
+            warnings.push(SQUARE_WARNING.to_owned());
+        }
+        let sigma_share = shift.map(BorderShift::distance_sigma_share);
         let first = seen.cameras[0].world_from_color;
         let figures = seen.cameras.iter().enumerate().map(|(k, camera)| {
             let depth = found.depth[k];
@@ -72,6 +98,7 @@ impl Report {
                 name: camera.name.clone(),
                 corner_px: found.corner_px[k],
                 depth_bias_mm: depth.map(|d| d.offset_m * 1e3),
+                depth_bias_sigma_mm: depth.zip(sigma_share).map(|(d, s)| d.at_m * s * 1e3),
                 depth_scale: depth.map(|d| d.scale),
                 depth_at_m: depth.map(|d| d.at_m),
                 depth_spread_mm: depth.map(|d| d.spread_m * 1e3),
@@ -91,6 +118,8 @@ impl Report {
             markers_seen: seen.views.len(),
             fits_with_parts_left_out: PARTS,
             termination: found.termination,
+            scale: if shift.is_some() { Scale::Grid } else { Scale::Square },
+            border_shift: shift.cloned(),
             cameras: figures.collect(),
             pairs,
             target: found.target_from_marker.iter().map(place).collect(),
@@ -112,12 +141,14 @@ impl Report {
             self.frame_sets,
             self.cameras.len()
         );
+        text += &self.scale_text();
         for camera in &self.cameras {
             text += &format!(
-                "  {}: corners {:.2} px, depth {} mm at {} m ({} markers)\n",
+                "  {}: corners {:.2} px, depth {} ± {} mm at {} m ({} markers)\n",
                 camera.name,
                 camera.corner_px,
                 or_none(camera.depth_bias_mm, 2),
+                or_none(camera.depth_bias_sigma_mm, 2),
                 or_none(camera.depth_at_m, 2),
                 camera.markers_with_depth
             );
@@ -136,12 +167,31 @@ impl Report {
         text.trim_end().to_owned()
     }
 
+    /// What the size of the markers was taken from, and what that leaves uncertain.
+    fn scale_text(&self) -> String {
+        let Some(shift) = &self.border_shift else {
+            return "  scale: the markers' black squares as they look\n".to_owned();
+        };
+        let used = shift.used_px.iter().map(|px| format!("{px:.2}"));
+        format!(
+            "  scale: the markers' grids ({} read); borders lie {} px on the ink's side, ± {:.2}; \
+             distances ± {:.2} %\n",
+            shift.grids.iter().sum::<usize>(),
+            used.collect::<Vec<_>>().join(" / "),
+            shift.sigma_px,
+            100.0 * shift.distance_sigma_share()
+        )
+    }
+
     /// With pictures.
     pub fn markdown(&self, pictures: &[Picture]) -> String {
         let mut text = format!("# Calibration of `{}`\n\n```\n{}\n```\n\n", self.set, self.text());
         text += "Agreement: where two cameras, each alone, see the centre of the same marker; \
                  median over frame sets that the fit has not seen. Depth: median of measured − \
-                 true on the markers, the truth being their corners and their size.\n\n";
+                 true on the markers, the truth being their corners and their size; ± is what the \
+                 scale leaves uncertain, one sigma. Scale: what the markers' size was taken from, \
+                 their grids (borders between black and white in both directions, so that what the \
+                 camera does to a border does not count) or their black squares.\n\n";
         text +=
             "| camera | moved mm | turned ° | depth bias mm | spread mm |\n|---|---|---|---|---|\n";
         for camera in &self.cameras {

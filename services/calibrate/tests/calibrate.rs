@@ -117,7 +117,7 @@ fn observations(steps: u64, corner_px: f64, depth_m: f64) -> Observations {
             }
         }
     }
-    Observations { cameras, side_m: SIDE_M, steps, views, unreadable: 0 }
+    Observations { cameras, side_m: SIDE_M, steps, views, border_shift: None, unreadable: 0 }
 }
 
 /// Largest error of the cameras' places, millimetres, and turns, degrees.
@@ -225,6 +225,17 @@ fn three_real_cameras_agree_better_than_their_source_says() {
         assert!(mm < 2.7, "{pair}");
         assert!(mm < pair["source_agreement_mm_median"].as_f64().unwrap(), "{pair}");
     }
+    // Its depth reads 2 to 4 mm long by every scale that a camera's curve does not move.
+    assert_eq!(figures["scale"], "grid");
+    let shift = &figures["border_shift"];
+    assert!(shift["sigma_px"].as_f64().unwrap() < 0.03, "{shift}");
+    for camera in figures["cameras"].as_array().unwrap() {
+        let [bias_mm, sigma_mm] =
+            ["depth_bias_mm", "depth_bias_sigma_mm"].map(|key| camera[key].as_f64().unwrap());
+        assert!((1.5..4.5).contains(&bias_mm) && sigma_mm < 0.5, "{camera}");
+    }
+    let report = std::fs::read_to_string(out.join("report.md")).unwrap();
+    assert!(report.contains("scale: the markers' grids"), "{report}");
     // The cube's opposite faces are 30 mm apart, which no parameter says.
     let centre = |id: u64| {
         let marker = figures["target"].as_array().unwrap().iter().find(|m| m["id"] == id).unwrap();
@@ -238,9 +249,11 @@ fn three_real_cameras_agree_better_than_their_source_says() {
     params.calibration.file = Some(out.join("calibration.toml").to_string_lossy().into_owned());
     let sheet = set.checked("sheet", SheetParams::check).unwrap();
     let source = open(&params.check().unwrap(), &sheet).unwrap();
+    params.calibration.correct_depth = false;
+    let uncorrected = open(&params.check().unwrap(), &sheet).unwrap();
     assert_eq!(doubts(source.cameras()), Vec::<String>::new());
     assert!(source.cameras().iter().all(|camera| camera.depth_m_per_unit == 1e-4));
-    corrected_depth_is_the_raw_one_without_its_bias(&set, source, &figures);
+    corrected_depth_is_the_raw_one_without_its_bias(&set, source, uncorrected, &figures);
     let pictures = std::fs::read_dir(&out).unwrap().filter(|entry| {
         entry.as_ref().unwrap().path().extension().is_some_and(|ending| ending == "png")
     });
@@ -248,10 +261,11 @@ fn three_real_cameras_agree_better_than_their_source_says() {
     std::fs::remove_dir_all(&out).unwrap();
 }
 
-/// The first image of every camera, pixel by pixel.
+/// The first image of every camera, pixel by pixel; without `correct_depth` it is the raw one.
 fn corrected_depth_is_the_raw_one_without_its_bias(
     set: &SetFile,
     mut corrected: Box<dyn FrameSource>,
+    mut uncorrected: Box<dyn FrameSource>,
     figures: &serde_json::Value,
 ) {
     let params: CaptureParams = set.section("capture").unwrap();
@@ -268,6 +282,7 @@ fn corrected_depth_is_the_raw_one_without_its_bias(
     for camera in 0..3 {
         let bias_mm = figures["cameras"][camera]["depth_bias_mm"].as_f64().unwrap();
         let [before, after] = [depth_m(raw.as_mut(), camera), depth_m(corrected.as_mut(), camera)];
+        assert_eq!(depth_m(uncorrected.as_mut(), camera), before, "camera {camera}");
         for (before_m, after_m) in before.iter().zip(&after) {
             // Beyond 6.55 m nothing is left; the median in the figures is not quite the fit.
             let expected_m = if *before_m == 0.0 || *before_m > 6.5 { 0.0 } else { *before_m };

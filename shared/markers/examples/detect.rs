@@ -1,4 +1,4 @@
-//! Prints the markers of images as JSON, one line an image:
+//! Prints the markers of images and their grids as JSON, one line an image:
 //! `cargo run --release -p orime-markers --example detect -- DICT IMAGE...`
 //!
 //! DICT is the name of a predefined dictionary or the path of a YAML file. `--repeat N` first
@@ -11,7 +11,10 @@ use std::fs;
 use std::path::Path;
 use std::time::Instant;
 
-use orime_markers::{Detector, DetectorParams, Dictionary};
+use orime_markers::{
+    Detector, DetectorParams, Dictionary, GreyImage, GridFit, GridRefusal, Marker, fit_grid,
+    grey_from_rgb,
+};
 use orime_recording::ImageReader;
 use serde_json::json;
 
@@ -51,11 +54,39 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
         times_ms.sort_by(f64::total_cmp);
         let markers = detector.detect_rgb(width as usize, height as usize, &rgb)?;
-        let list: Vec<_> = markers
-            .iter()
-            .map(|m| json!({"id": m.id, "corners_px": m.corners_px, "corrected": m.corrected_bits}))
-            .collect();
-        println!("{}", json!({"image": image, "ms": times_ms[repeat / 2], "markers": list}));
+        let markers = markers.to_vec();
+        let mut grey = Vec::new();
+        grey_from_rgb(width as usize, height as usize, &rgb, &mut grey)?;
+        let grey = GreyImage::new(width as usize, height as usize, &grey)?;
+        let start = Instant::now();
+        let grids: Vec<_> =
+            markers.iter().map(|m| fit_grid(grey, detector.dictionary(), m)).collect();
+        let grid_us = start.elapsed().as_secs_f64() * 1e6;
+        let list: Vec<_> = markers.iter().zip(&grids).map(|(m, grid)| entry(m, grid)).collect();
+        println!(
+            "{}",
+            json!({
+                "image": image, "ms": times_ms[repeat / 2], "grid_us": grid_us, "markers": list
+            })
+        );
     }
     Ok(())
+}
+
+fn entry(marker: &Marker, grid: &Result<GridFit, GridRefusal>) -> serde_json::Value {
+    let grid = match grid {
+        Ok(fit) => json!({
+            "corners_px": fit.corners_px,
+            "corner_sigma_px": fit.corner_sigma_px,
+            "shift_px": fit.shift_px,
+            "shift_sigma_px": fit.shift_sigma_px,
+            "borders": fit.borders,
+            "rms_px": fit.rms_px,
+        }),
+        Err(refusal) => json!({"refused": refusal.to_string()}),
+    };
+    json!({
+        "id": marker.id, "corners_px": marker.corners_px, "corrected": marker.corrected_bits,
+        "grid": grid
+    })
 }

@@ -11,6 +11,7 @@ use crate::Dictionary;
 use crate::grey::{GreyImage, ImageSizeError, grey_from_rgb};
 use crate::params::{DetectorConfig, DetectorParams};
 use decode::Reader;
+pub(crate) use line::Line;
 use quad::Quad;
 use threshold::{Binary, Cut, MeanThreshold};
 

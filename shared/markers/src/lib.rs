@@ -7,14 +7,17 @@
 mod detect;
 mod dictionary;
 mod grey;
+mod grid;
 mod params;
 mod render;
 mod sheet_layout;
 mod sheet_print;
+mod unit_square;
 
 pub use detect::{Detector, Marker};
 pub use dictionary::{Dictionary, DictionaryError, predefined_names};
 pub use grey::{GreyImage, ImageSizeError, grey_from_rgb};
+pub use grid::{GridFit, GridRefusal, fit_grid, moved_outwards};
 pub use params::{DetectorConfig, DetectorParams};
 pub use render::Raster;
 pub use sheet_layout::{CornerPlace, SheetLayout, SheetMarker, SheetSide};

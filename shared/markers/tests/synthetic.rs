@@ -6,34 +6,17 @@ use orime_markers::{
     Detector, DetectorParams, Dictionary, GreyImage, Marker, SheetLayout, SheetSide,
     predefined_names,
 };
-use scene::{Homography, Lens, Random, apply, blurred, inverse, photograph};
+use scene::{
+    Homography, Lens, Random, apply, blurred, image_from_square, inverse, photograph, shade_of,
+};
 
 fn detector(name: &str) -> Detector {
     let config = DetectorParams::default().check().unwrap();
     Detector::new(&config, Dictionary::predefined(name).unwrap())
 }
 
-const LENS: Lens = Lens { size_px: [160, 120], blur_px: 0.7, noise: 2.0, levels: [35.0, 205.0] };
-
-/// A unit square somewhere in the image: about `side_px` wide, turned, seen at a slant.
-fn image_from_square(side_px: f64, turn_rad: f64, slant: [f64; 2]) -> Homography {
-    let (sin, cos) = turn_rad.sin_cos();
-    let [gx, gy] = slant;
-    let map = |[x, y]: [f64; 2]| [side_px * (cos * x - sin * y), side_px * (sin * x + cos * y)];
-    let ([a, c], [b, d]) = (map([1.0, 0.0]), map([0.0, 1.0]));
-    let [e, f] = map([-0.5, -0.5]);
-    let (u, v, w) = (79.3, 60.6, 1.0 - 0.5 * gx - 0.5 * gy);
-    [[a + u * gx, b + u * gy, e + u * w], [c + v * gx, d + v * gy, f + v * w], [gx, gy, w]]
-}
-
-/// White paper with one marker on the unit square.
-fn shade_of(dictionary: &Dictionary, id: u32) -> impl Fn([f64; 2]) -> f64 {
-    move |[x, y]| {
-        let module = |share: f64| (share * dictionary.modules() as f64) as usize;
-        let inside = (0.0..1.0).contains(&x) && (0.0..1.0).contains(&y);
-        if inside && dictionary.is_black(id, module(y), module(x)) { 0.0 } else { 1.0 }
-    }
-}
+const LENS: Lens =
+    Lens { size_px: [160, 120], blur_px: 0.7, noise: 2.0, levels: [35.0, 205.0], curve: false };
 
 /// Largest distance of a marker's corners from those of the unit square, pixels.
 fn error_px(marker: &Marker, image_from_square: &Homography) -> f64 {
@@ -255,7 +238,8 @@ fn image_from_sheet(side: SheetSide, distance_m: f64, tilt_deg: f64) -> Homograp
 #[test]
 fn every_point_of_a_printed_sheet_is_found() {
     let dictionary = Dictionary::predefined("DICT_4X4_100").unwrap();
-    let lens = Lens { size_px: [320, 300], blur_px: 0.5, noise: 2.0, levels: [30.0, 230.0] };
+    let levels = [30.0, 230.0];
+    let lens = Lens { size_px: [320, 300], blur_px: 0.5, noise: 2.0, levels, curve: false };
     let mut detector = detector("DICT_4X4_100");
     for (side, first_id) in [(SheetSide::Front, 0), (SheetSide::Back, 49)] {
         let layout = SheetLayout::new(&dictionary, [25, 25], side, first_id).unwrap();

@@ -2,7 +2,7 @@
 
 /// Points where `normal · p = offset`; the normal has unit length.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Line {
+pub(crate) struct Line {
     pub normal: [f64; 2],
     pub offset_px: f64,
 }
@@ -44,7 +44,7 @@ impl Line {
     }
 
     /// Where two lines cross; `None` where they are within 0.06° of parallel.
-    pub(super) fn cross(&self, other: &Self) -> Option<[f64; 2]> {
+    pub(crate) fn cross(&self, other: &Self) -> Option<[f64; 2]> {
         let ([a, b], [c, d]) = (self.normal, other.normal);
         let sine = a * d - c * b;
         (sine.abs() > 1e-3).then(|| {

@@ -1,6 +1,6 @@
 //! Flat printed things as a camera sees them, with known corners.
 
-use orime_markers::Raster;
+use orime_markers::{Dictionary, Raster};
 
 /// Rows of a projective map, applied to (x, y, 1).
 pub type Homography = [[f64; 3]; 3];
@@ -54,6 +54,30 @@ pub struct Lens {
     pub noise: f64,
     /// Grey level of black ink and of paper.
     pub levels: [f64; 2],
+    /// Whether light is mixed before the display's curve (sRGB), as cameras do it, or after.
+    pub curve: bool,
+}
+
+impl Lens {
+    /// Grey level of a mixture of ink (0) and paper (1).
+    fn level(&self, share: f64) -> f64 {
+        let [black, white] = self.levels;
+        if !self.curve {
+            return black + (white - black) * share;
+        }
+        let [dark, bright] = [black, white].map(|level| light(level / 255.0));
+        255.0 * display(dark + (bright - dark) * share)
+    }
+}
+
+/// Light of a display's level, both 0 to 1 (sRGB).
+fn light(level: f64) -> f64 {
+    if level <= 0.04045 { level / 12.92 } else { ((level + 0.055) / 1.055).powf(2.4) }
+}
+
+/// Its inverse.
+fn display(light: f64) -> f64 {
+    if light <= 0.003_130_8 { 12.92 * light } else { 1.055 * light.powf(1.0 / 2.4) - 0.055 }
 }
 
 /// The scene `shade` (0 black … 1 white, in its own plane) where `plane_from_image` says.
@@ -78,11 +102,10 @@ pub fn photograph(
         image = blurred(&image, [width, height], lens.blur_px);
     }
     let mut random = Random::new(seed);
-    let [black, white] = lens.levels;
     let pixels = image
         .iter()
         .map(|value| {
-            let level = black + (white - black) * value + lens.noise * random.normal();
+            let level = lens.level(*value) + lens.noise * random.normal();
             level.round().clamp(0.0, 255.0) as u8
         })
         .collect();
@@ -110,4 +133,24 @@ pub fn blurred(image: &[f64], [width, height]: [usize; 2], sigma_px: f64) -> Vec
             .collect()
     };
     pass(&pass(image, [1, 0]), [0, 1])
+}
+
+/// A unit square somewhere in the image: about `side_px` wide, turned, seen at a slant.
+pub fn image_from_square(side_px: f64, turn_rad: f64, slant: [f64; 2]) -> Homography {
+    let (sin, cos) = turn_rad.sin_cos();
+    let [gx, gy] = slant;
+    let map = |[x, y]: [f64; 2]| [side_px * (cos * x - sin * y), side_px * (sin * x + cos * y)];
+    let ([a, c], [b, d]) = (map([1.0, 0.0]), map([0.0, 1.0]));
+    let [e, f] = map([-0.5, -0.5]);
+    let (u, v, w) = (79.3, 60.6, 1.0 - 0.5 * gx - 0.5 * gy);
+    [[a + u * gx, b + u * gy, e + u * w], [c + v * gx, d + v * gy, f + v * w], [gx, gy, w]]
+}
+
+/// White paper with one marker on the unit square.
+pub fn shade_of(dictionary: &Dictionary, id: u32) -> impl Fn([f64; 2]) -> f64 {
+    move |[x, y]| {
+        let module = |share: f64| (share * dictionary.modules() as f64) as usize;
+        let inside = (0.0..1.0).contains(&x) && (0.0..1.0).contains(&y);
+        if inside && dictionary.is_black(id, module(y), module(x)) { 0.0 } else { 1.0 }
+    }
 }

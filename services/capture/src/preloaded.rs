@@ -26,18 +26,14 @@ impl PreloadedSource {
     /// are read when they are asked for.
     pub(crate) fn over(mut inner: Box<dyn FrameSource>, room_bytes: usize) -> Box<dyn FrameSource> {
         let cameras = inner.cameras().to_vec();
-        let pixels = |camera: &RgbdCamera| {
-            let [color, depth] = [&camera.color, &camera.depth];
-            [color, depth].map(|lens| lens.width as usize * lens.height as usize)
-        };
-        let bytes = |camera: &RgbdCamera| 3 * pixels(camera)[0] + 2 * pixels(camera)[1];
+        let bytes = |camera: &RgbdCamera| 3 * camera.color.pixels() + 2 * camera.depth.pixels();
         let set_bytes = cameras.iter().map(bytes).sum::<usize>().max(1);
         let steps = ((room_bytes / set_bytes) as u64).min(inner.steps().unwrap_or(u64::MAX));
         let mut frames = Vec::new();
         for step in 0..steps {
             for (index, camera) in cameras.iter().enumerate() {
-                let [color, depth] = pixels(camera);
-                let (mut color_rgb, mut depth_units) = (vec![0; 3 * color], vec![0; depth]);
+                let mut color_rgb = vec![0; 3 * camera.color.pixels()];
+                let mut depth_units = vec![0; camera.depth.pixels()];
                 let frame =
                     RgbdFrameMut { color_rgb: &mut color_rgb, depth_units: &mut depth_units };
                 frames.push(match inner.read(step, index, frame) {

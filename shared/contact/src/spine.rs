@@ -13,9 +13,9 @@ const OPEN_COSINE: f64 = -0.7;
 /// Nodes deeper than this in the wedge, or farther than this outside of it, are no contact, metres.
 const DEEP_M: f64 = 3e-3;
 const OUTSIDE_M: f64 = 10e-3;
-/// A facet with a node farther than this outside of a crease is not the one that it closes around,
-/// whatever the order says: no motion between two frames brings one through a crease so far,
-/// metres.
+/// A facet with a node farther than this outside of a crease is taken for one that lies elsewhere,
+/// whatever the order says, which may have been taken when the two did not overlap yet: pulled
+/// through by 9 mm, one threw a sheet apart. Metres.
 const WRONG_M: f64 = 4e-3;
 /// How far a place may lie past the crease's end, metres: inside the sheet, and at its rim, where
 /// tips lie on tips.
@@ -93,7 +93,10 @@ impl Search<'_> {
             }
             let outside = |contact: &SpineContact| contact.deep_m(self.x) < -WRONG_M;
             if found[first..].iter().any(outside) {
-                found.truncate(first);
+                // Another facet that a node is of may yet be the one.
+                for contact in found.drain(first..) {
+                    seen[contact.nodes[0] as usize] = u32::MAX;
+                }
             }
         }
     }

@@ -18,13 +18,14 @@
 //!
 //! Source: `../shared/design/outline.md`.
 
+mod cells;
+mod matching;
 mod sample;
 mod view;
 
 pub(crate) use sample::Sample;
 
-use crate::blend::{Blend, Blender};
-use nalgebra::Vector2;
+use crate::blend::Blender;
 use orime_creases::Folds;
 use orime_geometry::{Edgel, RgbdCamera, SheetGrid};
 use view::{Probes, View};
@@ -32,12 +33,12 @@ use view::{Probes, View};
 /// σ_c: how far the seen contour is from the paper's edge, pixels.
 const SIGMA_PX: f64 = 1.0;
 /// Widest match along the normal: in the first iterations, and later, pixels.
-const REACH_PX: [f64; 2] = [12.0, 6.0];
+const REACH_PX: [f32; 2] = [12.0, 6.0];
 /// Iterations at which silhouettes are looked for, the second time where the sheet has moved in
 /// the image; from then on, matches are narrow.
 const CLASSIFY_AT: [u32; 2] = [0, 4];
 /// An edgel this close to the projected border lies on it, pixels.
-const ON_BORDER_PX: f64 = 6.0;
+const ON_BORDER_PX: f32 = 6.0;
 
 /// A target for one sample, from one camera.
 #[derive(Debug, Clone, Copy)]
@@ -61,7 +62,6 @@ pub(crate) struct Outline {
     /// Where the samples are now, world frame, metres.
     pub positions_m: Vec<[f32; 3]>,
     views: Vec<View>,
-    edgels: Vec<Edgel>,
     probes: Probes,
     /// Rows of the last [`Outline::matched`].
     pub rows: Vec<Row>,
@@ -79,7 +79,6 @@ impl Outline {
             samples: Vec::new(),
             positions_m: Vec::new(),
             views: Vec::new(),
-            edgels: Vec::new(),
             probes: Probes::default(),
             rows: Vec::new(),
         };
@@ -105,23 +104,18 @@ impl Outline {
         {
             self.views = cameras.iter().map(View::new).collect();
         }
-        self.edgels.clear();
-        self.edgels.extend(
-            edgels.iter().filter(|edgel| {
-                edgel.position_px.iter().chain(&edgel.normal).all(|c| c.is_finite())
-            }),
-        );
-        self.views.iter_mut().for_each(View::clear);
-        for (k, edgel) in self.edgels.iter().enumerate() {
+        let finite = |e: &&Edgel| e.position_px.iter().chain(&e.normal).all(|c| c.is_finite());
+        for edgel in edgels.iter().filter(finite) {
             if let Some(view) = self.views.get_mut(edgel.camera as usize) {
-                view.insert(k as u32, edgel);
+                view.insert(edgel);
             }
         }
+        self.views.iter_mut().for_each(View::sort);
     }
 
-    /// Whether there is anything to match.
+    /// Whether there is nothing to match.
     pub fn is_empty(&self) -> bool {
-        self.edgels.is_empty() || self.views.is_empty()
+        self.views.iter().all(View::is_empty)
     }
 
     /// Moves the samples with the sheet's nodes.
@@ -132,27 +126,14 @@ impl Outline {
 
     /// Share of the seen silhouettes that lie within [`ON_BORDER_PX`] of the projected border or
     /// a crease; `None` where there are none.
-    pub fn explained(&self, nodes_m: &[[f32; 3]]) -> Option<f64> {
-        let mut is_near = vec![false; self.edgels.len()];
-        for view in &self.views {
-            let pixel = |blend: Blend| view.pixel(blend.position_m(nodes_m));
-            for sample in &self.samples {
-                let Some(here) = pixel(sample.here) else { continue };
-                // Both halves, so that the corners, which are no sample here, are passed.
-                for end in [pixel(sample.before), pixel(sample.after)].into_iter().flatten() {
-                    let span = ON_BORDER_PX + 0.5 * (end - here).amax();
-                    for k in view.cells_near((here + end) * 0.5, span) {
-                        let at = Vector2::from(self.edgels[k as usize].position_px).cast::<f64>();
-                        is_near[k as usize] |= distance_px(at, [here, end]) < ON_BORDER_PX;
-                    }
-                }
-            }
+    pub fn explained(&mut self, nodes_m: &[[f32; 3]]) -> Option<f64> {
+        self.probes.place(&self.samples, nodes_m);
+        let mut sums = [0, 0];
+        for view in &mut self.views {
+            let [near, all] = view.explained(&self.probes, ON_BORDER_PX);
+            sums = [sums[0] + near, sums[1] + all];
         }
-        let is_seen = |e: &Edgel| e.kind == 0 && (e.camera as usize) < self.views.len();
-        let seen = self.edgels.iter().zip(is_near).filter(|(edgel, _)| is_seen(edgel));
-        let (all, near) =
-            seen.fold((0, 0), |(all, near), (_, is_near)| (all + 1, near + u32::from(is_near)));
-        (all > 0).then(|| f64::from(near) / f64::from(all))
+        (sums[1] > 0).then(|| sums[0] as f64 / sums[1] as f64)
     }
 
     /// Matches the samples, where the nodes are now, to the contour: fills `rows`.
@@ -165,19 +146,15 @@ impl Outline {
         }
         for view in &mut self.views {
             if iteration == CLASSIFY_AT[0] || iteration == CLASSIFY_AT[1] && view.has_moved() {
-                view.classify(&self.probes, nodes_m, &self.triangles, &self.edgels);
+                view.classify(&self.probes, nodes_m, &self.triangles);
             }
-            for k in 0..view.silhouettes.len() {
-                let silhouette = view.silhouettes[k];
-                let sample = silhouette.sample as usize;
-                let Some((pixel, gradient)) =
-                    view.probe(self.positions_m[sample], silhouette.normal)
-                else {
+            view.look_up(&self.positions_m, reach_px);
+            for (silhouette, offset_px) in view.silhouettes.iter().zip(&view.offsets_px) {
+                if offset_px.is_nan() {
                     continue;
-                };
-                let Some(offset_px) = view.nearest(k, pixel, &self.edgels, reach_px) else {
-                    continue;
-                };
+                }
+                let (sample, offset_px) = (silhouette.sample as usize, f64::from(*offset_px));
+                let gradient = view.gradient(self.positions_m[sample], silhouette.normal);
                 let huber = (2.0 * SIGMA_PX / offset_px.abs()).min(1.0);
                 let squared = gradient.norm_squared();
                 let offset = gradient * (offset_px / squared);
@@ -189,13 +166,6 @@ impl Outline {
             }
         }
     }
-}
-
-/// Distance from a pixel to a straight piece of border.
-fn distance_px(at: Vector2<f64>, [a, b]: [Vector2<f64>; 2]) -> f64 {
-    let along = b - a;
-    let place = (along.dot(&(at - a)) / along.norm_squared().max(1e-12)).clamp(0.0, 1.0);
-    (a + along * place - at).norm()
 }
 
 #[cfg(test)]

@@ -22,7 +22,7 @@ impl Score {
     /// Judges the pose that `mixture` is placed at.
     pub fn of(
         mixture: &mut Mixture,
-        outline: &Outline,
+        outline: &mut Outline,
         nodes_m: &[[f32; 3]],
         cloud: &Cloud,
         side_m: f32,

@@ -16,6 +16,8 @@ use orime_geometry::{RgbdCamera, SheetGrid};
 const OWN: f64 = 0.08;
 /// Pixels of the depth image per node spacing at the usual distance: enough for layers' borders.
 const SCALE: f64 = 0.5;
+/// Pixels about a component that must show it.
+const SHOWN_MIN: u32 = 2;
 /// Prior weight of a component that a camera does not see.
 const HIDDEN: f32 = 0.02;
 
@@ -75,7 +77,7 @@ impl Visibility {
                 };
                 // Behind the camera is NaN, which is nowhere in the image.
                 let [x, y, _] = self.projected.at(m);
-                let seen = buffer.count_around(x, y, is_own) >= 2;
+                let seen = buffer.shows_around(x, y, SHOWN_MIN, is_own);
                 priors.push(if seen { 1.0 } else { HIDDEN });
             }
         }

@@ -73,14 +73,20 @@ impl ZBuffer {
         (if inverse_depth > 0.0 { self.triangle[at] as u32 } else { EMPTY }, inverse_depth)
     }
 
-    /// How many of the pixels from one left above to one right below a place are covered by a
-    /// triangle that `is_asked_for`.
+    /// Whether `least` of the pixels from one left above to one right below a place are covered by
+    /// a triangle that `is_asked_for`.
     #[inline]
-    pub fn count_around(&self, column: f32, row: f32, is_asked_for: impl Fn(u32) -> bool) -> u32 {
+    pub fn shows_around(
+        &self,
+        column: f32,
+        row: f32,
+        least: u32,
+        is_asked_for: impl Fn(u32) -> bool,
+    ) -> bool {
         let (x, y) = (column.round(), row.round());
         let [right, bottom] = [self.width, self.height].map(|size| size as f32 - 1.0);
         if !(0.0 <= x && x <= right && 0.0 <= y && y <= bottom) {
-            return 0;
+            return false;
         }
         let range =
             |at: f32, last: f32| (at - 1.0).max(0.0) as usize..(at + 1.0).min(last) as usize + 1;
@@ -89,9 +95,13 @@ impl ZBuffer {
             for at in range(x, right).map(|x| y * self.width + x) {
                 let (triangle, _) = self.of_pixel(at);
                 count += u32::from(triangle != EMPTY && is_asked_for(triangle));
+                // Most places are seen, and told by their first pixels.
+                if count >= least {
+                    return true;
+                }
             }
         }
-        count
+        false
     }
 
     /// Whether a pixel lies in the image.
@@ -246,9 +256,12 @@ mod tests {
         assert_eq!(buffer.at(2.0, 2.0).0, EMPTY);
         assert_eq!(buffer.at(-1.0, 2.0).0, EMPTY);
         // The nearer square ends at column 39.
-        assert_eq!(buffer.count_around(39.0, 20.2, |triangle| triangle >= 2), 6);
-        assert_eq!(buffer.count_around(39.0, 20.2, |triangle| triangle < 2), 3);
-        assert_eq!(buffer.count_around(f32::NAN, 20.0, |_| true), 0);
+        for (is_near, count) in [(true, 6), (false, 3)] {
+            let is_asked_for = |triangle: u32| (triangle >= 2) == is_near;
+            assert!(buffer.shows_around(39.0, 20.2, count, is_asked_for));
+            assert!(!buffer.shows_around(39.0, 20.2, count + 1, is_asked_for));
+        }
+        assert!(!buffer.shows_around(f32::NAN, 20.0, 1, |_| true));
         // Every pixel inside is covered: no cracks along the diagonal.
         let covered = (0..48 * 64).filter(|k| buffer.of_pixel(*k).0 != EMPTY).count();
         assert_eq!(covered, 24 * 24);

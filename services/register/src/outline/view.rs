@@ -1,30 +1,24 @@
 //! One camera's contour, and which samples it should see as such.
 
+use super::cells::Cells;
+use super::matching::{Candidates, Gather, MARGIN_PX, Mark, Nearest, Silhouette};
 use super::sample::Sample;
 use crate::blend::Blend;
 use crate::projector::Coordinates;
 use crate::zbuffer::{EMPTY, ZBuffer};
-use nalgebra::{Matrix3, Point3, Vector2, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point3, Vector2, Vector3};
 use orime_geometry::{Edgel, RgbdCamera};
+use orime_lanes::{LANES, Width};
+use std::ops::Range;
 
-/// Widest match along the contour, pixels.
-const TANGENT_PX: f64 = 4.0;
-/// Edgels this close to the nearest one along the normal are averaged with it, pixels.
-const SAME_EDGE_PX: f64 = 2.5;
-/// Least cosine between the normals of sample and edgel.
-const COSINE_MIN: f64 = 0.8;
-/// Side of the lookup cells, pixels.
-const CELL_PX: usize = 16;
 /// Where the model's depth image is asked along the normal, pixels outside and inside.
 const ASK_PX: [f32; 2] = [1.2, 2.6];
 /// Projected neighbours nearer than this tell no direction, pixels.
 const LENGTH_PX_MIN: f64 = 1.5;
 /// A step in depth from here on is an inner edge, metres.
 const STEP_M: f32 = 4e-3;
-/// Samples may move so far in the image before edgels are gathered for them anew, pixels.
-const MARGIN_PX: f64 = 4.0;
 /// Samples that have not moved farther are the contour that they were, pixels.
-const MOVED_PX: f64 = 0.5;
+const MOVED_PX: f32 = 0.5;
 
 /// What is asked about every sample: where it is, its neighbours, and points inside the sheet.
 #[derive(Debug, Clone, Default)]
@@ -49,83 +43,80 @@ impl Probes {
     }
 }
 
-/// A sample that this camera should see as contour.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Silhouette {
-    pub sample: u32,
-    /// As [`Edgel::kind`].
-    pub kind: u32,
-    /// Unit normal out of the sheet, in the image.
-    pub normal: Vector2<f64>,
-    /// Where it was when it was classified.
-    classified_px: Vector2<f64>,
-    /// Where it was when edgels were gathered for it.
-    gathered_px: Vector2<f64>,
-    /// Their places among the view's candidates.
-    candidates: [u32; 2],
-}
+/// Kinds of edgels.
+const KINDS: usize = 2;
 
-/// Edgels of one camera in cells.
+/// The contour of one camera.
 #[derive(Debug, Clone)]
 pub(super) struct View {
-    color_from_world: nalgebra::Isometry3<f64>,
+    color_from_world: Isometry3<f64>,
     rotation: Matrix3<f64>,
     pub camera: RgbdCamera,
-    columns: usize,
-    cells: Vec<Vec<u32>>,
+    /// Edgels, by their kind.
+    cells: [Cells; KINDS],
     buffer: ZBuffer,
     /// The probes in this image.
     projected: [Coordinates; PROBES],
     pub silhouettes: Vec<Silhouette>,
-    /// Edgels that silhouettes may match: along the silhouette's normal and tangent, pixels.
-    candidates: Vec<[f64; 2]>,
+    candidates: Candidates,
+    /// Where the silhouettes are, in the world and in the image.
+    positions_m: Coordinates,
+    pixels: Coordinates,
+    /// Signed distance from each silhouette to the nearest matching edge, pixels; NaN without.
+    pub offsets_px: Vec<f32>,
+    /// As [`Mark::marks`].
+    marks: Vec<f32>,
     /// Farthest that a silhouette has moved since it was classified, pixels.
-    moved_px: f64,
+    moved_px: f32,
+    lanes: Width,
 }
 
 impl View {
     pub fn new(camera: &RgbdCamera) -> Self {
         let color_from_world = camera.world_from_color.inverse();
-        let columns = camera.color.width as usize / CELL_PX + 1;
-        let rows = camera.color.height as usize / CELL_PX + 1;
+        let cells = Cells::new(camera.color.width, camera.color.height);
         Self {
             rotation: color_from_world.rotation.to_rotation_matrix().into_inner(),
             color_from_world,
             camera: camera.clone(),
-            columns,
-            cells: vec![Vec::new(); columns * rows],
+            cells: [cells.clone(), cells],
             buffer: ZBuffer::new(&camera.color, &camera.world_from_color, 1.0),
             projected: Default::default(),
             silhouettes: Vec::new(),
-            candidates: Vec::new(),
-            moved_px: f64::INFINITY,
+            candidates: Candidates::default(),
+            positions_m: Coordinates::default(),
+            pixels: Coordinates::default(),
+            offsets_px: Vec::new(),
+            marks: Vec::new(),
+            moved_px: f32::INFINITY,
+            lanes: Width::available()[0],
         }
     }
 
-    /// Forgets the edgels.
-    pub fn clear(&mut self) {
-        self.moved_px = f64::INFINITY;
-        self.cells.iter_mut().for_each(Vec::clear);
+    /// Adds an edgel to those that [`Self::sort`] takes over; one out of the image is left out.
+    pub fn insert(&mut self, edgel: &Edgel) {
+        let size = [self.camera.color.width, self.camera.color.height].map(|px| px as f32);
+        let is_inside = (0..2).all(|axis| (0.0..size[axis]).contains(&edgel.position_px[axis]));
+        if let Some(cells) = self.cells.get_mut(edgel.kind as usize).filter(|_| is_inside) {
+            cells.insert(edgel);
+        }
+    }
+
+    /// Takes over the edgels that were inserted, in place of those before.
+    pub fn sort(&mut self) {
+        self.moved_px = f32::INFINITY;
+        self.cells.iter_mut().for_each(Cells::sort);
+    }
+
+    /// Whether there are no edgels.
+    pub fn is_empty(&self) -> bool {
+        self.cells.iter().all(|cells| cells.len() == 0)
     }
 
     /// Forgets which samples are contour.
     pub fn forget(&mut self) {
-        self.moved_px = f64::INFINITY;
+        self.moved_px = f32::INFINITY;
         self.silhouettes.clear();
-    }
-
-    /// Adds an edgel, which has this index among all.
-    pub fn insert(&mut self, index: u32, edgel: &Edgel) {
-        let [x, y] = edgel.position_px.map(f64::from);
-        let (width, height) = (self.camera.color.width, self.camera.color.height);
-        if 0.0 <= x && x < f64::from(width) && 0.0 <= y && y < f64::from(height) {
-            self.cells[y as usize / CELL_PX * self.columns + x as usize / CELL_PX].push(index);
-        }
-    }
-
-    pub fn pixel(&self, position_m: [f32; 3]) -> Option<Vector2<f64>> {
-        let point = self.color_from_world * Point3::from(position_m).cast::<f64>();
-        self.camera.color.project(&point)
     }
 
     /// Whether the sheet has moved so far in this image that other samples may be contour.
@@ -134,17 +125,9 @@ impl View {
     }
 
     /// Finds the samples that are contour in the model's own image, and the edgels near them.
-    pub fn classify(
-        &mut self,
-        probes: &Probes,
-        nodes_m: &[[f32; 3]],
-        triangles: &[[u32; 3]],
-        edgels: &[Edgel],
-    ) {
+    pub fn classify(&mut self, probes: &Probes, nodes_m: &[[f32; 3]], triangles: &[[u32; 3]]) {
         self.buffer.draw(nodes_m, triangles);
-        for (points_m, projected) in probes.points_m.iter().zip(&mut self.projected) {
-            self.buffer.project(&points_m.axes, projected);
-        }
+        self.project(probes, 0..PROBES);
         self.silhouettes.clear();
         self.candidates.clear();
         self.moved_px = 0.0;
@@ -153,42 +136,37 @@ impl View {
                 self.silhouettes.push(Silhouette {
                     sample: index as u32,
                     kind,
-                    normal,
+                    normal: normal.cast::<f32>().into(),
                     classified_px: pixel,
                     gathered_px: pixel,
                     candidates: [0; 2],
                 });
-                self.gather(self.silhouettes.len() - 1, pixel, edgels);
+                self.gather(self.silhouettes.len() - 1, pixel);
             }
         }
     }
 
+    /// Takes some of the probes into this image.
+    fn project(&mut self, probes: &Probes, which: Range<usize>) {
+        for k in which {
+            self.buffer.project(&probes.points_m[k].axes, &mut self.projected[k]);
+        }
+    }
+
     /// Gathers the edgels that a silhouette may match from around a pixel.
-    fn gather(&mut self, index: usize, pixel: Vector2<f64>, edgels: &[Edgel]) {
-        let Silhouette { normal: outward, kind, .. } = self.silhouettes[index];
-        let tangent = Vector2::new(-outward.y, outward.x);
-        let reach_px = super::REACH_PX[0] + MARGIN_PX;
-        let first = self.candidates.len() as u32;
-        let mut candidates = std::mem::take(&mut self.candidates);
-        candidates.extend(self.cells_near(pixel, reach_px.hypot(TANGENT_PX)).filter_map(|k| {
-            let edgel = &edgels[k as usize];
-            let position = Vector2::from(edgel.position_px).cast::<f64>();
-            let across = outward.dot(&(position - pixel)).abs();
-            let along = tangent.dot(&(position - pixel)).abs();
-            (edgel.kind == kind
-                && across < reach_px
-                && along < TANGENT_PX + MARGIN_PX
-                && outward.dot(&Vector2::from(edgel.normal).cast::<f64>()) > COSINE_MIN)
-                .then(|| [outward.dot(&position), tangent.dot(&position)])
-        }));
-        self.candidates = candidates;
+    fn gather(&mut self, index: usize, pixel: [f32; 2]) {
         let silhouette = &mut self.silhouettes[index];
-        silhouette.gathered_px = pixel;
-        silhouette.candidates = [first, self.candidates.len() as u32];
+        self.lanes.run(Gather {
+            cells: &self.cells[silhouette.kind as usize],
+            pixel,
+            reach_px: super::REACH_PX[0],
+            silhouette,
+            candidates: &mut self.candidates,
+        });
     }
 
     /// Kind of edge, outward normal and pixel of a sample that is contour.
-    fn silhouette(&self, index: usize) -> Option<(u32, Vector2<f64>, Vector2<f64>)> {
+    fn silhouette(&self, index: usize) -> Option<(u32, Vector2<f64>, [f32; 2])> {
         let [here, before, after, inside @ ..] = &self.projected;
         let pixel = |p: [f32; 3]| Vector2::new(f64::from(p[0]), f64::from(p[1]));
         let place = |of: &Coordinates| {
@@ -216,74 +194,57 @@ impl View {
         let [inner, deep] = [ask(-ASK_PX[0])?, ask(-ASK_PX[1])?];
         if near.0 == EMPTY && far.0 == EMPTY {
             let is_contour = inner.0 != EMPTY || deep.0 != EMPTY;
-            return is_contour.then(|| (0, normal, pixel(here)));
+            return is_contour.then_some((0, normal, [here[0], here[1]]));
         }
         // What lies outside is farther off, and what lies inside is the sample's own layer.
         let behind = |at: (u32, f32)| at.0 == EMPTY || 1.0 / at.1 > 1.0 / here[2] + STEP_M;
         let own = |at: (u32, f32)| at.0 != EMPTY && (1.0 / at.1 - 1.0 / here[2]).abs() < STEP_M;
-        (behind(near) && behind(far) && own(inner)).then(|| (1, normal, pixel(here)))
+        (behind(near) && behind(far) && own(inner)).then_some((1, normal, [here[0], here[1]]))
     }
 
-    /// Pixel of a position, and ∂(normal·pixel)/∂position, world frame, px/m.
-    pub fn probe(
-        &self,
-        position_m: [f32; 3],
-        normal: Vector2<f64>,
-    ) -> Option<(Vector2<f64>, Vector3<f64>)> {
-        let here = self.color_from_world * Point3::from(position_m).cast::<f64>();
-        let lens = &self.camera.color;
-        let pixel = lens.project(&here)?;
-        let (fx, fy) = (lens.fx_px * normal.x, lens.fy_px * normal.y);
-        let in_camera = Vector3::new(fx, fy, -(fx * here.x + fy * here.y) / here.z) / here.z;
-        Some((pixel, self.rotation.transpose() * in_camera))
-    }
-
-    /// Signed distance along the normal of a silhouette, which is at `pixel` now, to the nearest
-    /// matching edge, pixels.
-    pub fn nearest(
-        &mut self,
-        index: usize,
-        pixel: Vector2<f64>,
-        edgels: &[Edgel],
-        reach_px: f64,
-    ) -> Option<f64> {
-        let silhouette = &self.silhouettes[index];
-        self.moved_px = self.moved_px.max((pixel - silhouette.classified_px).amax());
-        if (pixel - silhouette.gathered_px).norm() > MARGIN_PX {
-            self.gather(index, pixel, edgels);
-        }
-        let Silhouette { normal, candidates: [first, end], .. } = self.silhouettes[index];
-        let here = [normal.dot(&pixel), normal.x * pixel.y - normal.y * pixel.x];
-        let candidates = &self.candidates[first as usize..end as usize];
-        let matches = || {
-            let offset = |at: &[f64; 2]| (at[0] - here[0], at[1] - here[1]);
-            candidates
-                .iter()
-                .map(offset)
-                .filter(|(across, along)| across.abs() < reach_px && along.abs() < TANGENT_PX)
-        };
-        let cost = |c: &(f64, f64)| c.0.abs() + 0.25 * c.1.abs();
-        let (first, _) = matches().min_by(|a, b| cost(a).total_cmp(&cost(b)))?;
-        let (mut sum, mut weights) = (0.0, 0.0);
-        for (across, along) in matches() {
-            if (across - first).abs() < SAME_EDGE_PX {
-                let weight = 1.0 / (1.0 + along * along);
-                sum += weight * across;
-                weights += weight;
+    /// Looks for the silhouettes' edges, where the samples are now: fills `offsets_px`.
+    pub fn look_up(&mut self, samples_m: &[[f32; 3]], reach_px: f32) {
+        self.positions_m.set(self.silhouettes.iter().map(|s| samples_m[s.sample as usize]));
+        self.buffer.project(&self.positions_m.axes, &mut self.pixels);
+        for index in 0..self.silhouettes.len() {
+            let pixel = [self.pixels.axes[0][index], self.pixels.axes[1][index]];
+            let from = |place: [f32; 2]| [pixel[0] - place[0], pixel[1] - place[1]];
+            let silhouette = &self.silhouettes[index];
+            let [x, y] = from(silhouette.classified_px);
+            self.moved_px = self.moved_px.max(x.abs()).max(y.abs());
+            let [x, y] = from(silhouette.gathered_px);
+            if x.hypot(y) > MARGIN_PX {
+                self.gather(index, pixel);
             }
         }
-        Some(sum / weights)
+        self.lanes.run(Nearest {
+            silhouettes: &self.silhouettes,
+            candidates: &self.candidates,
+            pixels: &self.pixels,
+            reach_px,
+            offsets_px: &mut self.offsets_px,
+        });
     }
 
-    /// Edgels in the cells that a square of half side `span` touches.
-    pub fn cells_near(&self, pixel: Vector2<f64>, span: f64) -> impl Iterator<Item = u32> + '_ {
-        let rows = self.cells.len() / self.columns;
-        let range = |centre: f64, count: usize| {
-            let cell = |at: f64| ((at / CELL_PX as f64).max(0.0) as usize).min(count);
-            cell(centre - span)..(cell(centre + span) + 1).min(count)
-        };
-        let (xs, ys) = (range(pixel.x, self.columns), range(pixel.y, rows));
-        ys.flat_map(move |y| xs.clone().map(move |x| y * self.columns + x))
-            .flat_map(|cell| self.cells[cell].iter().copied())
+    /// ∂(normal·pixel)/∂position of a position that is seen, world frame, px/m.
+    pub fn gradient(&self, position_m: [f32; 3], normal: [f32; 2]) -> Vector3<f64> {
+        let here = self.color_from_world * Point3::from(position_m).cast::<f64>();
+        let lens = &self.camera.color;
+        let (fx, fy) = (lens.fx_px * f64::from(normal[0]), lens.fy_px * f64::from(normal[1]));
+        let in_camera = Vector3::new(fx, fy, -(fx * here.x + fy * here.y) / here.z) / here.z;
+        self.rotation.tr_mul(&in_camera)
+    }
+
+    /// How many of the seen silhouettes lie within a distance of the projected border or a
+    /// crease, and how many there are.
+    pub fn explained(&mut self, probes: &Probes, within_px: f32) -> [usize; 2] {
+        self.project(probes, 0..3);
+        let cells = &self.cells[0];
+        self.marks.clear();
+        self.marks.resize(cells.len() + LANES, 0.0);
+        let [here, before, after, ..] = &self.projected;
+        let (pieces, count) = ([before, here, after], probes.count);
+        self.lanes.run(Mark { cells, pieces, count, within_px, marks: &mut self.marks });
+        [self.marks.iter().filter(|mark| **mark > 0.0).count(), cells.len()]
     }
 }

@@ -104,6 +104,8 @@ impl Judge {
         score.vertex_error_mm_mean = scores::mean(errors.iter().copied()).map(mm);
         score.vertex_error_mm_p95 = scores::percentile(&errors, 0.95).map(mm);
         score.vertex_error_mm_max = errors.last().copied().map(mm);
+        score.offset_mm = scores::offset_m(&turned, truth).map(|offset| offset.map(mm));
+        score.shape_error_mm = scores::shape_error_m(&turned, truth).map(mm);
         score.e_at_truth_mm = scores::e_m(cloud, truth).map(mm);
         score.wrinkle_deg = bending::wrinkle_deg(&turned, truth, &self.sheet);
         if let Some(errors) = bending::crease_errors(&turned, truth, &self.sheet) {

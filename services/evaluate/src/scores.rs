@@ -3,8 +3,9 @@
 pub mod bending;
 pub mod folded;
 
+use orime_geometry::fit::{self, Plane};
 use orime_geometry::nalgebra::Point3;
-use orime_geometry::{Edgel, RgbdCamera, SheetGrid, Surface, fit::Plane};
+use orime_geometry::{Edgel, RgbdCamera, SheetGrid, Surface};
 
 /// Eq. (5) of the paper: mean distance from each observed point to its nearest model *node*,
 /// metres. It has a floor that no tracker can beat: see [`e_floor_m`]. `None` for an empty cloud.
@@ -68,6 +69,26 @@ pub fn vertex_errors_m(nodes_m: &[[f32; 3]], truth_m: &[[f32; 3]]) -> Vec<f64> {
         nodes_m.iter().zip(truth_m).map(|(a, b)| f64::from(distance2(*a, *b)).sqrt()).collect();
     errors.sort_by(f64::total_cmp);
     errors
+}
+
+/// Mean over the nodes of tracked minus true place, metres.
+pub fn offset_m(nodes_m: &[[f32; 3]], truth_m: &[[f32; 3]]) -> Option<[f64; 3]> {
+    let along = |axis: usize| {
+        let ways = nodes_m.iter().zip(truth_m);
+        mean(ways.map(|(a, b)| f64::from(a[axis]) - f64::from(b[axis])))
+    };
+    Some([along(0)?, along(1)?, along(2)?])
+}
+
+/// Mean distance of the nodes from the truth after the rigid motion that brings them nearest,
+/// metres.
+pub fn shape_error_m(nodes_m: &[[f32; 3]], truth_m: &[[f32; 3]]) -> Option<f64> {
+    let points = |of: &[[f32; 3]]| -> Vec<Point3<f64>> {
+        of.iter().map(|p| Point3::from(*p).cast()).collect()
+    };
+    let (nodes, truth) = (points(nodes_m), points(truth_m));
+    let moved = fit::rigid(&nodes, &truth, |_| 1.0)?;
+    mean(nodes.iter().zip(&truth).map(|(a, b)| (moved * a - b).norm()))
 }
 
 /// Extent along u and v: mean straight distance between the ends of the grid lines, metres.
@@ -213,6 +234,16 @@ mod tests {
         near(percentile(&errors, 0.5).unwrap(), 0.01); // 0, 0, and four times 10 mm.
         near(percentile(&errors, 0.3).unwrap(), 0.0);
         assert_eq!(percentile(&[], 0.5), None);
+        near(shape_error_m(&stretched, &nodes).unwrap(), 0.01 * 4.0 / 6.0); // The ends' nodes.
+        // Moved and turned by a quarter, the shape is what it was.
+        let elsewhere: Vec<[f32; 3]> =
+            stretched.iter().map(|p| [0.3 - p[1], p[0] - 0.2, 0.1 + p[2]]).collect();
+        near(shape_error_m(&elsewhere, &nodes).unwrap(), 0.01 * 4.0 / 6.0);
+        for (found, expected) in offset_m(&elsewhere, &nodes).unwrap().iter().zip([0.3, -0.2, 0.1])
+        {
+            near(*found, expected);
+        }
+        assert_eq!((offset_m(&[], &[]), shape_error_m(&[], &[])), (None, None));
     }
 
     #[test]

@@ -55,6 +55,12 @@ pub struct StepScore {
     pub vertex_error_mm_p95: Option<f64>,
     /// … largest.
     pub vertex_error_mm_max: Option<f64>,
+    /// How far the sheet is off as a whole: mean over the nodes of tracked minus true place, world
+    /// frame.
+    pub offset_mm: Option<[f64; 3]>,
+    /// [`StepScore::vertex_error_mm_mean`] of the sheet moved rigidly onto the truth: what is wrong
+    /// with its shape, and not with where the cameras are taken to stand.
+    pub shape_error_mm: Option<f64>,
     /// E of the true pose against the same cloud.
     pub e_at_truth_mm: Option<f64>,
     /// Mean of both ways between sheet and cloud: [`StepScore::surface_mm`], and from each node
@@ -118,6 +124,10 @@ pub struct Summary {
     pub vertex_error_mm_p95: Option<f64>,
     /// Largest of any node in any step.
     pub vertex_error_mm_max: Option<f64>,
+    /// Mean of [`StepScore::offset_mm`].
+    pub offset_mm_mean: [Option<f64>; 3],
+    /// Mean of [`StepScore::shape_error_mm`].
+    pub shape_error_mm_mean: Option<f64>,
     /// Mean of [`StepScore::e_at_truth_mm`].
     pub e_at_truth_mm_mean: Option<f64>,
     /// Mean of [`StepScore::chamfer_mm`].
@@ -206,6 +216,12 @@ impl Summary {
             vertex_error_mm_mean: average(|s| s.vertex_error_mm_mean),
             vertex_error_mm_p95: average(|s| s.vertex_error_mm_p95),
             vertex_error_mm_max: largest(|s| s.vertex_error_mm_max),
+            offset_mm_mean: [
+                average(|s| s.offset_mm.map(|offset| offset[0])),
+                average(|s| s.offset_mm.map(|offset| offset[1])),
+                average(|s| s.offset_mm.map(|offset| offset[2])),
+            ],
+            shape_error_mm_mean: average(|s| s.shape_error_mm),
             e_at_truth_mm_mean: average(|s| s.e_at_truth_mm),
             chamfer_mm_mean: average(|s| s.chamfer_mm),
             vertex_error_visible_mm_mean: average(|s| s.vertex_error_visible_mm),

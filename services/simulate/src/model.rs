@@ -6,7 +6,7 @@
 //!                                              prediction ◄────────────┘
 //! ```
 
-use crate::alignment::Alignment;
+use crate::alignment::{Alignment, Seen};
 use crate::effect::{Effect, Effects};
 use crate::grips::Grip;
 use crate::params::SimulateConfig;
@@ -47,7 +47,11 @@ pub struct SheetModel {
     predicted_m: Vec<[f32; 3]>,
     expected_m: Vec<[f32; 3]>,
     grips: Vec<Grip>,
-    alignment: Option<Alignment>,
+    alignment: Alignment,
+    /// Whether grippers tell where the cameras' world lies.
+    grips_align: bool,
+    /// Height of the table where it does, metres.
+    table_aligns_m: Option<f64>,
     /// Targets in the robot's world.
     aligned_m: Vec<[f32; 3]>,
     /// The prediction in the cameras' world.
@@ -64,8 +68,9 @@ impl SheetModel {
     ) -> Self {
         let params = &config.params;
         let side_m = (sheet.size_m[0] + sheet.size_m[1]) / 2.0;
-        let aligns = params.effects.contains(&Effect::Grippers) && params.grippers.align_cameras;
-        let has_contact = params.effects.contains(&Effect::SelfContact);
+        let has = |effect| params.effects.contains(&effect);
+        let has_contact = has(Effect::SelfContact);
+        let on_table = has(Effect::Table) && params.table.align_cameras;
         // Contact comes once a frame, after the substeps, wherever these run.
         let mut substeps = config.clone();
         substeps.params.effects.retain(|effect| *effect != Effect::SelfContact);
@@ -80,7 +85,9 @@ impl SheetModel {
             predicted_m: simulator.positions_m().to_vec(),
             expected_m: simulator.positions_m().to_vec(),
             grips: Vec::new(),
-            alignment: aligns.then(Alignment::default),
+            alignment: Alignment::default(),
+            grips_align: has(Effect::Grippers) && params.grippers.align_cameras,
+            table_aligns_m: on_table.then_some(params.table.height_m),
             aligned_m: Vec::with_capacity(sheet.len()),
             predicted_for_cameras_m: simulator.positions_m().to_vec(),
             simulator,
@@ -135,10 +142,14 @@ impl SheetModel {
         report
     }
 
-    /// Puts the targets into the robot's world, as far as grippers tell where that is.
+    /// Puts the targets into the robot's world, as far as grippers and table tell where that is.
     fn align(&mut self, targets_m: &[[f32; 3]], confidence: &[f32]) {
-        if let Some(alignment) = &mut self.alignment {
-            alignment.learn(&self.grips, self.simulator.folds(), targets_m, confidence);
+        let seen = Seen { folds: self.simulator.folds(), targets_m, confidence };
+        if self.grips_align {
+            self.alignment.learn_grips(&self.grips, &seen);
+        }
+        if let Some(height_m) = self.table_aligns_m {
+            self.alignment.learn_table(height_m, &self.grips, &seen);
         }
         let offset_m = self.offset_m();
         self.aligned_m.clear();
@@ -176,7 +187,7 @@ impl SheetModel {
         &mut self.simulator
     }
 
-    /// Node positions, world frame (the robot's, where grippers tell of it), metres, index order
+    /// Node positions, world frame (the robot's, where grippers or table tell of it), metres, index order
     /// of the sheet.
     pub fn positions_m(&self) -> &[[f32; 3]] {
         &self.positions_m
@@ -187,13 +198,14 @@ impl SheetModel {
         &self.predicted_m
     }
 
-    /// How far what the cameras see is moved, since grippers hold the sheet elsewhere, metres.
+    /// How far what the cameras see is moved, since grippers hold the sheet elsewhere or the table
+    /// is elsewhere, metres.
     pub fn camera_offset_m(&self) -> f32 {
         self.offset_m().iter().map(|c| c * c).sum::<f32>().sqrt()
     }
 
     fn offset_m(&self) -> [f32; 3] {
-        self.alignment.as_ref().map_or([0.0; 3], Alignment::offset_m)
+        self.alignment.offset_m()
     }
 
     /// The prediction where the cameras, as they are calibrated, would see it.

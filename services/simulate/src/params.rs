@@ -187,7 +187,7 @@ pub struct AirDragParams {
 }
 
 /// `[simulate.table]`.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TableParams {
     /// Height of the table, world z, metres: no node goes below. Default 0.
@@ -195,6 +195,9 @@ pub struct TableParams {
     /// Coulomb friction: share of the way into the table by which a node's way along it is
     /// shortened. Default 0.
     pub friction: f64,
+    /// Learn from what lies undermost how much too high or low the cameras as a whole see the
+    /// sheet, and move what they see. For a table without anything else on it. Default true.
+    pub align_cameras: bool,
 }
 
 /// `[simulate.facets]`.
@@ -318,6 +321,12 @@ impl Default for CreaseParams {
 impl Default for DampingParams {
     fn default() -> Self {
         Self { kind: DampingKind::Xpbd, time_s: 0.0005 }
+    }
+}
+
+impl Default for TableParams {
+    fn default() -> Self {
+        Self { height_m: 0.0, friction: 0.0, align_cameras: true }
     }
 }
 

@@ -241,7 +241,7 @@ fn a_prediction_goes_on_with_the_gripper() {
 fn the_table_stops_what_falls_on_it_and_friction_what_slides() {
     let slide_m = |friction: f64| {
         let mut params = SimulateParams {
-            table: TableParams { height_m: 0.02, friction },
+            table: TableParams { height_m: 0.02, friction, ..TableParams::default() },
             ..SimulateParams::default()
         };
         params.effects.extend([Effect::Table, Effect::Gravity]);

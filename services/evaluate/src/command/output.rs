@@ -30,7 +30,8 @@ pub fn write_csv(path: &Path, steps: &[StepScore]) -> anyhow::Result<()> {
     let mut text = String::from(
         "step,tracking,reset,points,e_mm,surface_mm,strain_percent,strain_percent_max,\
          planarity_mm_rms,outline_px_median,vertex_error_mm_mean,vertex_error_mm_p95,\
-         vertex_error_mm_max,e_at_truth_mm,chamfer_mm,vertex_error_visible_mm,\
+         vertex_error_mm_max,offset_x_mm,offset_y_mm,offset_z_mm,shape_error_mm,\
+         e_at_truth_mm,chamfer_mm,vertex_error_visible_mm,\
          vertex_error_hidden_mm,wrinkle_deg,crease_angle_error_deg,crease_position_error_mm,\
          self_intersections,segment_ms,register_ms,simulate_ms,state_hash\n",
     );
@@ -46,6 +47,10 @@ pub fn write_csv(path: &Path, steps: &[StepScore]) -> anyhow::Result<()> {
             s.vertex_error_mm_mean,
             s.vertex_error_mm_p95,
             s.vertex_error_mm_max,
+            s.offset_mm.map(|offset| offset[0]),
+            s.offset_mm.map(|offset| offset[1]),
+            s.offset_mm.map(|offset| offset[2]),
+            s.shape_error_mm,
             s.e_at_truth_mm,
             s.chamfer_mm,
             s.vertex_error_visible_mm,
@@ -187,6 +192,11 @@ fn truth_lines(summary: &Summary) -> Vec<String> {
         return Vec::new();
     }
     vec![
+        format!(
+            "… of its shape alone       {} mm; as a whole off by ({}) mm",
+            number(summary.shape_error_mm_mean),
+            summary.offset_mm_mean.map(number).join(", "),
+        ),
         format!(
             "… visible / hidden nodes    {} / {} mm; by layers on top 0, 1, 2, 3+: {} mm",
             number(summary.vertex_error_visible_mm_mean),

@@ -10,6 +10,8 @@
 //!
 //! and the camera's correction follows b from frame to frame.
 
+use crate::cloud::Cloud;
+use crate::mixture::Answer;
 use nalgebra::Vector3;
 use orime_geometry::{ObservedPoint, RgbdCamera};
 
@@ -26,18 +28,18 @@ const MASS_MIN: f64 = 30.0;
 
 /// Sums over a camera's points in one E-step.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(crate) struct RaySums {
+struct RaySums {
     /// Σ p.
-    pub mass: f64,
+    mass: f64,
     /// Σ p (r·(x − y)), metres.
-    pub toward_m: f64,
+    toward_m: f64,
 }
 
 /// One correction per camera.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct DepthBias {
     /// Camera centres, world frame, metres.
-    pub eyes_m: Vec<[f32; 3]>,
+    eyes_m: Vec<[f32; 3]>,
     /// By how much a camera's depth is lengthened, metres.
     corrections_m: Vec<f64>,
     frames: Vec<f64>,
@@ -75,8 +77,22 @@ impl DepthBias {
         (x + ray * self.corrections_m[camera] as f32).into()
     }
 
-    /// Learns from the sums of a frame's last E-step.
-    pub fn learn(&mut self, sums: &[RaySums]) {
+    /// Learns from what a frame's last E-step said about its points, each of which stands for
+    /// `weight` of them.
+    pub fn learn(&mut self, cloud: &Cloud, answers: &[Answer], weight: f64) {
+        let mut sums = vec![RaySums::default(); self.eyes_m.len()];
+        for answer in answers {
+            let camera = cloud.cameras[answer.point] as usize;
+            let Some(eye) = self.eyes_m.get(camera) else { continue };
+            let ray = Vector3::from(cloud.points_m[answer.point]) - Vector3::from(*eye);
+            let Some(ray) = ray.try_normalize(1e-6) else { continue };
+            sums[camera].mass += weight * f64::from(answer.mass);
+            sums[camera].toward_m += weight * f64::from(ray.dot(&Vector3::from(answer.away_m)));
+        }
+        self.follow(&sums);
+    }
+
+    fn follow(&mut self, sums: &[RaySums]) {
         for (camera, sums) in sums.iter().enumerate().take(self.corrections_m.len()) {
             let (facing, count) = self.facing[camera];
             if sums.mass < MASS_MIN || facing <= 0.0 {
@@ -131,12 +147,12 @@ mod tests {
             let across_m = (0.5 - f64::from(seen[2])) * 0.5;
             // toward = r·(x − y), and y − x is the normal's part: r·n = −0.5.
             let sums = RaySums { mass: 100.0, toward_m: -100.0 * across_m * 0.5 };
-            bias.learn(&[sums]);
+            bias.follow(&[sums]);
         }
         bias.fit_to(std::slice::from_ref(&camera));
         assert!((f64::from(bias.corrected(&point)[2]) - 0.5).abs() < 1e-4);
         // Few points, or another camera, teach nothing.
-        bias.learn(&[RaySums { mass: 5.0, toward_m: 1.0 }]);
+        bias.follow(&[RaySums { mass: 5.0, toward_m: 1.0 }]);
         assert!((f64::from(bias.corrected(&point)[2]) - 0.5).abs() < 1e-4);
         bias.fit_to(&[RgbdCamera {
             world_from_color: Isometry3::translation(1.0, 0.0, 0.0),

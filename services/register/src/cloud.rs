@@ -25,6 +25,11 @@ pub(crate) struct Cell {
 }
 
 impl Cloud {
+    /// The place that a point had in what was filled in.
+    pub fn source(&self, point: usize) -> usize {
+        (self.keys[point].1 & 0xffff_ffff) as usize
+    }
+
     /// Sorts points, each with its camera, into cells of `cell_m`; all must be finite. Their order
     /// does not matter.
     pub fn fill(&mut self, points: impl Iterator<Item = ([f32; 3], u32)>, cell_m: f32) {

@@ -4,7 +4,7 @@
 //! portable code give the same bits.
 
 use crate::blocks::fold;
-use orime_lanes::{LANES, Lanes, dot, fused_dot, load_points, minus, plus, store_points};
+use orime_lanes::{LANES, Lanes, fused_dot, load_points, minus, plus, store_points, times};
 
 /// Points that are looked at together: what stands between the two passes stays in the cache.
 pub(crate) const POINTS: usize = 8;
@@ -199,33 +199,32 @@ impl Components {
         shares
     }
 
-    /// Σ p·(point − component)·ray of one of the points that [`Self::expect`] has just been asked
+    /// Σ p·(point − component) of one of the points that [`Self::expect`] has just been asked
     /// about, metres.
     #[inline(always)]
-    pub fn toward<V: Lanes>(
+    pub fn away_m<V: Lanes>(
         &self,
         points: &Points<'_>,
         near: &[u32],
         shares: &Shares,
         n: usize,
-        ray: [f32; 3],
-    ) -> f32 {
+    ) -> [f32; 3] {
         let places = self.mass.len();
         assert!(n < points.len && near.iter().all(|b| (*b as usize + 1) * LANES <= places));
         let at_m = [self.at_m[0].as_ptr(), self.at_m[1].as_ptr(), self.at_m[2].as_ptr()];
-        let mut sum = V::splat(0.0);
-        let mut lanes = [0f32; LANES];
+        let mut sum = splat::<V>([0.0; 3]);
+        let mut lanes = [[0f32; LANES]; 3];
         // SAFETY: the places exist, and as many weights as blocks × points.
         unsafe {
             for (k, block) in near.iter().enumerate() {
                 let y = load_points::<V>(at_m, *block as usize * LANES);
-                let way = dot(minus(splat::<V>(points.at_m[n]), y), splat::<V>(ray));
                 let weight = V::load(self.weight.as_ptr().add((k * points.len + n) * LANES));
-                sum = sum.add(weight.mul(way));
+                sum = plus(sum, times(minus(splat::<V>(points.at_m[n]), y), weight));
             }
-            sum.store(lanes.as_mut_ptr());
+            let [x, y, z] = &mut lanes;
+            store_points(sum, [x.as_mut_ptr(), y.as_mut_ptr(), z.as_mut_ptr()], 0);
         }
-        fold(&lanes, |a, b| a + b) * shares.inverse[n]
+        lanes.map(|lanes| fold(&lanes, |a, b| a + b) * shares.inverse[n])
     }
 }
 
@@ -297,14 +296,13 @@ mod tests {
         Points { at_m, priors: [priors; POINTS], len: 7 }
     }
 
-    struct Once<'a>(&'a Points<'a>, &'a mut Components, &'a mut (Shares, f32));
+    struct Once<'a>(&'a Points<'a>, &'a mut Components, &'a mut (Shares, [f32; 3]));
 
     impl Pass for Once<'_> {
         #[inline(always)]
         fn run<V: Lanes>(self) {
             let shares = self.1.expect::<V>(self.0, &NEAR, &SHAPE);
-            let toward = self.1.toward::<V>(self.0, &NEAR, &shares, 2, [0.6, 0.0, 0.8]);
-            *self.2 = (shares, toward);
+            *self.2 = (shares, self.1.away_m::<V>(self.0, &NEAR, &shares, 2));
         }
     }
 
@@ -329,11 +327,11 @@ mod tests {
         let points = points(&priors);
         let mut given = Default::default();
         Width::Portable.run(Once(&points, &mut found, &mut given));
-        let (shares, toward) = given;
+        let (shares, away_m) = given;
         let is_near = |k: usize| NEAR.contains(&((k / LANES) as u32));
         let mut mass = vec![0f64; 3 * LANES];
         let mut pull_x = vec![0f64; 3 * LANES];
-        let (mut squared_m2, mut toward_exact) = (0.0, 0.0);
+        let (mut squared_m2, mut away_exact_m) = (0.0, [0.0; 3]);
         for n in 0..points.len {
             let way = |k: usize| -> [f64; 3] {
                 let y = found.position_m(k);
@@ -351,7 +349,7 @@ mod tests {
                 pull_x[k] += p * way(k)[0];
                 squared_m2 += p * squared(k);
                 if n == 2 {
-                    toward_exact += p * (0.6 * way(k)[0] + 0.8 * way(k)[2]);
+                    (0..3).for_each(|axis| away_exact_m[axis] += p * way(k)[axis]);
                 }
             }
             assert!((f64::from(shares.mass[n]) - total / (total + 0.3)).abs() < 1e-5);
@@ -361,6 +359,8 @@ mod tests {
             assert!((f64::from(found.pull_m[0][k]) - pull_x[k]).abs() < 1e-8);
         }
         assert!((f64::from(shares.squared_m2) / squared_m2 - 1.0).abs() < 1e-4);
-        assert!((f64::from(toward) - toward_exact).abs() < 1e-7);
+        for (found, exact) in away_m.iter().zip(away_exact_m) {
+            assert!((f64::from(*found) - exact).abs() < 1e-7);
+        }
     }
 }

@@ -1,12 +1,10 @@
 //! The sheet as a Gaussian mixture: virtual nodes between the nodes, and the E-step over them.
 
-use crate::bias::RaySums;
 use crate::blend::{Blend, Blender};
 use crate::blocks::Blocks;
 use crate::cloud::{Cell, Cloud};
-use crate::expectation::{Components, POINTS, Points, Shape, Shares, splat};
+use crate::expectation::{Components, POINTS, Points, Shape, splat};
 use crate::visibility::Visibility;
-use nalgebra::Vector3;
 use orime_creases::Folds;
 use orime_geometry::SheetGrid;
 use orime_lanes::{LANES, Lanes, Pass, Width, dot, load_points, minus};
@@ -54,6 +52,17 @@ pub(crate) struct Asked {
     /// Of how many points one is asked, which then counts as many times: a wide mixture does not
     /// need all.
     pub thinning: usize,
+}
+
+/// What the mixture says about one point.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Answer {
+    /// Its place in the cloud.
+    pub point: usize,
+    /// Σ p over the components, 0 … 1.
+    pub mass: f32,
+    /// Σ p·(point − component), metres.
+    pub away_m: [f32; 3],
 }
 
 impl Mixture {
@@ -154,23 +163,16 @@ impl Mixture {
         total
     }
 
-    /// An E-step, and what each camera's points say along its rays. `eyes_m`: camera centres,
-    /// world frame, metres.
-    pub fn rays(
+    /// An E-step, and what it says about each point that is asked.
+    pub fn answers(
         &mut self,
         cloud: &Cloud,
         visibility: &Visibility,
         asked: &Asked,
-        eyes_m: &[[f32; 3]],
-    ) -> Vec<RaySums> {
-        let mut sums = vec![RaySums::default(); eyes_m.len()];
-        let rays = Some((eyes_m, sums.as_mut_slice()));
-        self.ask(cloud, visibility, asked, rays, &mut Expectation::default());
-        let weight = asked.thinning as f64;
-        for sums in &mut sums {
-            *sums = RaySums { mass: weight * sums.mass, toward_m: weight * sums.toward_m };
-        }
-        sums
+        answers: &mut Vec<Answer>,
+    ) {
+        answers.clear();
+        self.ask(cloud, visibility, asked, Some(answers), &mut Expectation::default());
     }
 
     fn ask(
@@ -178,12 +180,12 @@ impl Mixture {
         cloud: &Cloud,
         visibility: &Visibility,
         asked: &Asked,
-        rays: Option<(&[[f32; 3]], &mut [RaySums])>,
+        answers: Option<&mut Vec<Answer>>,
         total: &mut Expectation,
     ) {
         self.components.clear();
         self.blocks.bound(&self.components.at_m);
-        self.width.run(Expect { mixture: self, cloud, visibility, asked, rays, total });
+        self.width.run(Expect { mixture: self, cloud, visibility, asked, answers, total });
         // Thinned points count as many times.
         if asked.thinning > 1 {
             let weight = asked.thinning as f32;
@@ -217,14 +219,14 @@ struct Expect<'a> {
     cloud: &'a Cloud,
     visibility: &'a Visibility,
     asked: &'a Asked,
-    rays: Option<(&'a [[f32; 3]], &'a mut [RaySums])>,
+    answers: Option<&'a mut Vec<Answer>>,
     total: &'a mut Expectation,
 }
 
 impl Pass for Expect<'_> {
     #[inline(always)]
     fn run<V: Lanes>(self) {
-        let Self { mixture, cloud, visibility, asked, mut rays, total } = self;
+        let Self { mixture, cloud, visibility, asked, mut answers, total } = self;
         let reach_m = CUTOFF_SIGMAS * asked.sigma_m;
         let variance = f64::from(asked.sigma_m).powi(2);
         let uniform = asked.uniform_per_m3 * (std::f64::consts::TAU * variance).powf(1.5);
@@ -241,12 +243,11 @@ impl Pass for Expect<'_> {
                 continue;
             }
             while next < points.end {
-                let mut cameras = [0; POINTS];
+                let first = next;
                 let mut some =
                     Points { at_m: [[0.0; 3]; POINTS], priors: [present; POINTS], len: 0 };
                 while some.len < POINTS && next < points.end {
                     some.at_m[some.len] = cloud.points_m[next];
-                    cameras[some.len] = cloud.cameras[next];
                     if let Some(priors) = visibility.priors(cloud.cameras[next]) {
                         some.priors[some.len] = priors;
                     }
@@ -258,33 +259,15 @@ impl Pass for Expect<'_> {
                     total.mass += f64::from(mass);
                 }
                 total.squared_m2 += f64::from(shares.squared_m2);
-                if let Some((eyes_m, sums)) = &mut rays {
-                    add_rays::<V>(components, &some, near, &shares, &cameras, eyes_m, sums);
+                if let Some(answers) = &mut answers {
+                    for n in 0..some.len {
+                        let away_m = components.away_m::<V>(&some, near, &shares, n);
+                        let point = first + n * asked.thinning;
+                        answers.push(Answer { point, mass: shares.mass[n], away_m });
+                    }
                 }
             }
         }
-    }
-}
-
-/// Adds what some points, of these cameras, say along their cameras' rays.
-#[inline(always)]
-fn add_rays<V: Lanes>(
-    components: &Components,
-    points: &Points<'_>,
-    near: &[u32],
-    shares: &Shares,
-    cameras: &[u32],
-    eyes_m: &[[f32; 3]],
-    sums: &mut [RaySums],
-) {
-    for (n, camera) in cameras.iter().enumerate().take(points.len) {
-        let camera = *camera as usize;
-        let Some(eye) = eyes_m.get(camera) else { continue };
-        let ray = Vector3::from(points.at_m[n]) - Vector3::from(*eye);
-        let Some(ray) = ray.try_normalize(1e-6) else { continue };
-        let toward_m = components.toward::<V>(points, near, shares, n, ray.into());
-        sums[camera].mass += f64::from(shares.mass[n]);
-        sums[camera].toward_m += f64::from(toward_m);
     }
 }
 

@@ -26,6 +26,7 @@ mod view;
 pub(crate) use sample::Sample;
 
 use crate::blend::Blender;
+use nalgebra::Vector3;
 use orime_creases::Folds;
 use orime_geometry::{Edgel, RgbdCamera, SheetGrid};
 use view::{Probes, View};
@@ -45,8 +46,15 @@ const ON_BORDER_PX: f32 = 6.0;
 pub(crate) struct Row {
     /// Index of the sample.
     pub sample: usize,
-    /// Where it should be, relative to where it is, metres.
-    pub offset_m: [f64; 3],
+    /// Index of the camera.
+    pub camera: u32,
+    /// Unit direction in which it moves along the contour's normal in that image the fastest, out
+    /// of the sheet, world frame.
+    pub normal: Vector3<f64>,
+    /// How far it should move that way, metres.
+    pub way_m: f64,
+    /// Share of its weight that a far match keeps.
+    pub huber: f64,
     /// Weight beside the E-step's Σp.
     pub weight: f64,
 }
@@ -111,6 +119,7 @@ impl Outline {
             }
         }
         self.views.iter_mut().for_each(View::sort);
+        self.rows.clear();
     }
 
     /// Whether there is nothing to match.
@@ -144,7 +153,7 @@ impl Outline {
         if CLASSIFY_AT.contains(&iteration) {
             self.probes.place(&self.samples, nodes_m);
         }
-        for view in &mut self.views {
+        for (camera, view) in self.views.iter_mut().enumerate() {
             if iteration == CLASSIFY_AT[0] || iteration == CLASSIFY_AT[1] && view.has_moved() {
                 view.classify(&self.probes, nodes_m, &self.triangles);
             }
@@ -157,10 +166,13 @@ impl Outline {
                 let gradient = view.gradient(self.positions_m[sample], silhouette.normal);
                 let huber = (2.0 * SIGMA_PX / offset_px.abs()).min(1.0);
                 let squared = gradient.norm_squared();
-                let offset = gradient * (offset_px / squared);
+                let px_per_m = squared.sqrt();
                 self.rows.push(Row {
                     sample,
-                    offset_m: [offset.x, offset.y, offset.z],
+                    camera: camera as u32,
+                    normal: gradient / px_per_m,
+                    way_m: offset_px / px_per_m,
+                    huber,
                     weight: 0.5 * variance_m2 * huber * squared / (SIGMA_PX * SIGMA_PX),
                 });
             }
@@ -223,7 +235,7 @@ mod tests {
         outline.matched(&nodes, 0, 1e-6);
         assert_eq!(outline.rows.len(), 4 * 15);
         for row in &outline.rows {
-            let [x, y, z] = row.offset_m;
+            let [x, y, z]: [f64; 3] = (row.normal * row.way_m).into();
             let p = outline.positions_m[row.sample];
             if p[0].abs() > 0.0749 {
                 assert!((x - 0.0025).abs() < 2e-4 && y.abs() < 1e-9, "{row:?} at {p:?}");

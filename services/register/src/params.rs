@@ -91,8 +91,7 @@ pub struct RegisterParams {
     /// correct it. Default true.
     pub learn_depth_bias: bool,
     /// Learn while tracking how far each camera stands from where its calibration says, and take it
-    /// to stand there; without a mean over the cameras. For cameras that were nudged or drift.
-    /// Default false.
+    /// to stand there; without a mean over the cameras. Default true.
     pub refine_cameras: bool,
     /// Give every node a target instead of the control points (every other node) alone.
     /// Default true; false is the paper.
@@ -127,7 +126,7 @@ impl Default for RegisterParams {
             visibility: true,
             unseen_confidence: f64::from(UNSEEN_CONFIDENCE),
             learn_depth_bias: true,
-            refine_cameras: false,
+            refine_cameras: true,
             targets_everywhere: true,
             explained_min: 0.85,
         }

@@ -8,11 +8,18 @@ use crate::features::Fusion;
 use crate::first_pose;
 use crate::params::{RegisterConfig, RegisterMode, RegisterParams};
 use crate::refine::Refinement;
-use crate::rig::Rig;
+use crate::rig::{Rig, Word};
 use crate::score::Score;
 use crate::track::{Effort, Termination, TrackReport, Tracker};
+use nalgebra::Vector3;
 use orime_creases::Folds;
 use orime_geometry::{Edgel, Feature, ObservedPoint, RgbdCamera, SheetGrid};
+
+/// Σ p from which on a point is surely the sheet's.
+const SURE: f32 = 0.3;
+/// Weight of a piece of contour beside a point's, where cameras are refined: anything from 0.5 to 6
+/// serves, without contour nothing tells what lies along the sheet.
+const CONTOUR: f64 = 2.0;
 
 /// Whether the sheet is being followed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -85,6 +92,7 @@ pub struct Registrar {
     cloud: Cloud,
     bias: DepthBias,
     rig: Rig,
+    words: Vec<Word>,
     points: Vec<ObservedPoint>,
     nodes_m: Vec<[f32; 3]>,
     has_pose: bool,
@@ -140,6 +148,7 @@ impl Registrar {
             cloud: Cloud::default(),
             bias: DepthBias::default(),
             rig: Rig::default(),
+            words: Vec::new(),
             points: Vec::new(),
             nodes_m: flat,
             has_pose: false,
@@ -315,17 +324,45 @@ impl Registrar {
         if self.params.visibility {
             self.tracker.confidence(confidence);
         }
-        if self.params.learn_depth_bias && fit.iterations > 0 {
-            let rays = self.tracker.rays(&self.cloud, &fit, &self.bias.eyes_m);
-            self.bias.learn(&rays);
-        }
-        if self.params.refine_cameras && fit.iterations > 0 {
-            let bias = &mut self.bias;
-            let set_right = |p: &mut ObservedPoint| p.position_m = bias.corrected(p);
-            self.points.iter_mut().for_each(set_right);
-            self.rig.learn(&self.points, &self.nodes_m, &self.sheet.triangles());
+        if fit.iterations > 0 {
+            self.learn_cameras(&fit);
         }
         (fit, self.score())
+    }
+
+    /// Learns what the cameras err by from what they see beside where the sheet was registered.
+    fn learn_cameras(&mut self, fit: &TrackReport) {
+        if !self.params.learn_depth_bias && !self.params.refine_cameras {
+            return;
+        }
+        let (answers, weight) = self.tracker.answers(&self.cloud, fit);
+        if self.params.learn_depth_bias {
+            self.bias.learn(&self.cloud, answers, weight);
+        }
+        if self.params.refine_cameras {
+            self.words.clear();
+            let (cloud, points) = (&self.cloud, &self.points);
+            self.words.extend(answers.iter().filter_map(|answer| {
+                let normal = Vector3::from(points[cloud.source(answer.point)].normal);
+                let way_m = -normal.dot(&Vector3::from(answer.away_m)) / answer.mass;
+                (answer.mass > SURE && normal != Vector3::zeros()).then(|| Word {
+                    camera: cloud.cameras[answer.point],
+                    at_m: Vector3::from(cloud.points_m[answer.point]).cast(),
+                    normal: normal.cast(),
+                    way_m: f64::from(way_m),
+                    weight: f64::from(answer.mass),
+                })
+            }));
+            let outline = &self.tracker.outline;
+            self.words.extend(outline.rows.iter().map(|row| Word {
+                camera: row.camera,
+                at_m: Vector3::from(outline.positions_m[row.sample]).cast(),
+                normal: row.normal,
+                way_m: -row.way_m,
+                weight: CONTOUR * row.huber,
+            }));
+            self.rig.learn(&self.words);
+        }
     }
 
     /// Takes over the finite points, thinned to the limit; returns how many were not finite.

@@ -1,33 +1,48 @@
 //! How far each camera stands from where its calibration says, learnt while tracking.
 //!
 //! Cameras that are nudged, or drift as they warm up, see the sheet beside where the others see it.
-//! For each camera the small motion (t, ω) about the middle c of its points is found that lays them
-//! onto the registered surface, point to plane:
+//! For each camera the small motion (t, ω) about the middle c of what is seen is found that lays its
+//! points onto the registered surface, and its contour onto the registered border:
 //!
 //! ```text
-//! min Σ (n·(x + t + ω × (x − c) − y))² + λ (|t|² + L² |ω|²)
+//! min Σ w (n·(x + t + ω × (x − c) − y))² + λ (|t|² + L² |ω|²)
 //! ```
 //!
-//! with y the nearest point of the surface and n its normal there. What the surface does not show,
-//! such as a motion along a flat sheet, stays as it is. Corrections follow slowly, without a mean:
-//! that the whole rig moved cannot be told from a sheet that did.
+//! For a point n is its normal and y where the mixture has it; for a piece of contour n is the
+//! direction in which the contour is seen to move the fastest. What neither shows stays as it is.
+//! Corrections follow slowly, without a mean: that the whole rig moved cannot be told from a sheet
+//! that did.
 
 use nalgebra::{
     Isometry3, Matrix6, Point3, Rotation3, Translation3, UnitQuaternion, Vector3, Vector6,
 };
-use orime_geometry::{ObservedPoint, RgbdCamera, Surface};
+use orime_geometry::{ObservedPoint, RgbdCamera};
 
 /// Share of a found motion by which a correction follows in one frame.
 const RATE: f64 = 0.05;
 /// Points farther from the surface are of something else, metres.
-const REACH_M: f32 = 0.008;
-/// Fewest points that say something about a camera.
-const POINTS_MIN: usize = 60;
-/// λ as a share of the number of points.
+const REACH_M: f64 = 0.008;
+/// Least sum of weights that says something about a camera.
+const WEIGHT_MIN: f64 = 30.0;
+/// λ as a share of the weights' sum.
 const RIDGE: f64 = 0.03;
 /// Largest correction, metres and radians.
 const SHIFT_MAX_M: f64 = 0.02;
 const TURN_MAX_RAD: f64 = 0.05;
+
+/// What one point, or one piece of contour, says about its camera.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Word {
+    pub camera: u32,
+    /// Where it is seen, corrected as it is, metres.
+    pub at_m: Vector3<f64>,
+    /// Unit direction in which it is seen to be off.
+    pub normal: Vector3<f64>,
+    /// How far it must move that way, metres.
+    pub way_m: f64,
+    /// 1 for a point that is surely the sheet's.
+    pub weight: f64,
+}
 
 /// One correction per camera.
 #[derive(Debug, Clone, Default)]
@@ -73,19 +88,15 @@ impl Rig {
         shifts.fold(0.0, f64::max) as f32
     }
 
-    /// Learns from points, corrected as they are, and the surface that was registered to them.
-    pub fn learn(
-        &mut self,
-        points: &[ObservedPoint],
-        nodes_m: &[[f32; 3]],
-        triangles: &[[u32; 3]],
-    ) {
-        let c = middle(points.iter());
-        let surface = Sheet { surface: Surface::new(nodes_m, triangles), nodes_m, triangles };
+    /// Learns from one frame.
+    pub fn learn(&mut self, words: &[Word]) {
+        let total: f64 = words.iter().map(|word| word.weight).sum();
+        let sum: Vector3<f64> = words.iter().map(|word| word.at_m * word.weight).sum();
+        let c = Point3::from(sum / total.max(1e-9));
         let mut seen = Vec::new();
         for (camera, correction) in self.corrections.iter_mut().enumerate() {
-            let own = points.iter().filter(|point| point.camera as usize == camera);
-            if let Some(step) = step(own, &surface, &c) {
+            let own = words.iter().filter(|word| word.camera as usize == camera);
+            if let Some(step) = step(own, &c) {
                 *correction = about(&c, &(RATE * step)) * *correction;
                 seen.push(camera);
             }
@@ -117,52 +128,26 @@ fn middle<'a>(points: impl Iterator<Item = &'a ObservedPoint>) -> Point3<f64> {
     Point3::from(sum / f64::max(count, 1.0))
 }
 
-/// What was registered.
-struct Sheet<'a> {
-    surface: Surface<'a>,
-    nodes_m: &'a [[f32; 3]],
-    triangles: &'a [[u32; 3]],
-}
-
-impl Sheet<'_> {
-    /// The nearest point of the surface and its normal, if it is within reach.
-    fn near(&self, point_m: [f32; 3]) -> Option<(Vector3<f64>, Vector3<f64>)> {
-        let near = self.surface.nearest(point_m).filter(|near| near.distance_m < REACH_M)?;
-        let corners = self.triangles[near.triangle as usize];
-        let [a, b, c] =
-            corners.map(|node| Vector3::from(self.nodes_m[node as usize].map(f64::from)));
-        let [u, v, w] = near.weights.map(f64::from);
-        let normal = (b - a).cross(&(c - a)).try_normalize(1e-12)?;
-        Some((a * u + b * v + c * w, normal))
-    }
-}
-
-/// The motion about `c` that lays a camera's points onto the surface; `None` if they are too few.
-fn step<'a>(
-    points: impl Iterator<Item = &'a ObservedPoint>,
-    surface: &Sheet<'_>,
-    c: &Point3<f64>,
-) -> Option<Vector6<f64>> {
-    let (mut normal, mut right, mut used, mut arm_m2) =
-        (Matrix6::zeros(), Vector6::zeros(), 0, 0.0);
-    for point in points {
-        let Some((y, n)) = surface.near(point.position_m) else { continue };
-        let x = Vector3::from(point.position_m.map(f64::from));
-        let arm = x - c.coords;
-        let turn = arm.cross(&n);
+/// The motion about `c` that a camera's words ask for; `None` if they are too few.
+fn step<'a>(words: impl Iterator<Item = &'a Word>, c: &Point3<f64>) -> Option<Vector6<f64>> {
+    let (mut normal, mut right) = (Matrix6::zeros(), Vector6::zeros());
+    let (mut weights, mut arm_m2) = (0.0, 0.0);
+    for Word { at_m, normal: n, way_m, weight, .. } in words.filter(|w| w.way_m.abs() < REACH_M) {
+        let arm = at_m - c.coords;
+        let turn = arm.cross(n);
         let row = Vector6::new(n.x, n.y, n.z, turn.x, turn.y, turn.z);
-        normal += row * row.transpose();
-        right += row * n.dot(&(y - x));
-        arm_m2 += arm.norm_squared();
-        used += 1;
+        normal += row * row.transpose() * *weight;
+        right += row * (way_m * weight);
+        arm_m2 += weight * arm.norm_squared();
+        weights += weight;
     }
-    if used < POINTS_MIN {
+    if weights < WEIGHT_MIN {
         return None;
     }
     // L² is the mean square distance from c: both kinds of motion cost by what they move.
-    let ridge = RIDGE * used as f64;
+    let ridge = RIDGE * weights;
     for k in 0..6 {
-        normal[(k, k)] += if k < 3 { ridge } else { ridge * arm_m2 / used as f64 };
+        normal[(k, k)] += if k < 3 { ridge } else { ridge * arm_m2 / weights };
     }
     normal.cholesky().map(|factor| factor.solve(&right))
 }
@@ -205,18 +190,28 @@ mod tests {
         }
     }
 
+    const RADIUS_M: f64 = 0.06;
+
+    /// Places on a half pipe.
+    fn pipe_m() -> Vec<Vector3<f64>> {
+        let grid = SheetGrid::new([0.15, 0.15], [31, 31]);
+        let place = |[u, v]: [f64; 2]| {
+            let (sin, cos) = ((u - 0.075) / RADIUS_M).sin_cos();
+            Vector3::new(RADIUS_M * sin, v - 0.075, RADIUS_M * cos)
+        };
+        grid.uv_m().map(place).collect()
+    }
+
+    /// What a point that was seen there says about its camera.
+    fn on_pipe(camera: u32, at_m: Vector3<f64>) -> Word {
+        let across = Vector3::new(at_m.x, 0.0, at_m.z);
+        let (normal, way_m) = (across.normalize(), RADIUS_M - across.norm());
+        Word { camera, at_m, normal, way_m, weight: 1.0 }
+    }
+
     /// Three cameras see a sheet bent to a half pipe; all stand elsewhere than they say.
     #[test]
     fn cameras_that_were_nudged_are_found_without_moving_the_rig() {
-        let grid = SheetGrid::new([0.15, 0.15], [31, 31]);
-        let (radius_m, triangles) = (0.06, grid.triangles());
-        let nodes_m: Vec<[f32; 3]> = grid
-            .uv_m()
-            .map(|[u, v]| {
-                let (sin, cos) = ((u - 0.075) / radius_m).sin_cos();
-                [radius_m * sin, v - 0.075, radius_m * cos].map(|x| x as f32)
-            })
-            .collect();
         let errors = [
             Isometry3::translation(-0.002, 0.0, 0.0),
             Isometry3::new(Vector3::new(0.0, 0.0, 0.003), Vector3::new(0.0, 0.015, 0.0)),
@@ -224,10 +219,10 @@ mod tests {
         ];
         let seen: Vec<ObservedPoint> = (0..3u32)
             .flat_map(|camera| {
-                nodes_m.iter().skip(camera as usize).step_by(3).map(move |x| (camera, *x))
+                pipe_m().into_iter().skip(camera as usize).step_by(3).map(move |x| (camera, x))
             })
             .map(|(camera, x)| ObservedPoint {
-                position_m: (errors[camera as usize].cast::<f32>() * Point3::from(x)).coords.into(),
+                position_m: (errors[camera as usize] * Point3::from(x)).coords.cast::<f32>().into(),
                 normal: [0.0; 3],
                 camera,
                 pixels: 1.0,
@@ -235,10 +230,12 @@ mod tests {
             .collect();
         let cameras = ["a", "b", "c"].map(camera);
         let mut rig = Rig::default();
+        let words = |points: &[ObservedPoint]| -> Vec<Word> {
+            points.iter().map(|p| on_pipe(p.camera, Vector3::from(p.position_m).cast())).collect()
+        };
         let disagreement_mm = |points: &[ObservedPoint]| {
-            let surface = Surface::new(&nodes_m, &triangles);
-            let sum: f32 = points.iter().map(|p| surface.distance_m(p.position_m)).sum();
-            1e3 * sum / points.len() as f32
+            let sum: f64 = words(points).iter().map(|word| word.way_m.abs()).sum();
+            1e3 * sum / points.len() as f64
         };
         let mut points = seen.clone();
         let before_mm = disagreement_mm(&points);
@@ -246,7 +243,7 @@ mod tests {
             rig.fit_to(&cameras);
             points.clone_from(&seen);
             rig.correct(&mut points);
-            rig.learn(&points, &nodes_m, &triangles);
+            rig.learn(&words(&points));
         }
         let after_mm = disagreement_mm(&points);
         assert!(before_mm > 1.0 && after_mm < 0.2 * before_mm, "{before_mm} mm, {after_mm} mm");
@@ -261,9 +258,44 @@ mod tests {
         assert!(off.translation.vector.norm() < 1e-12);
         // Others, and a part of the surface that is too small, teach nothing.
         let before = rig.corrections.clone();
-        rig.learn(&points[..40], &nodes_m, &triangles);
+        rig.learn(&words(&points[..20]));
+        rig.learn(&[]);
         assert_eq!(rig.corrections, before);
         rig.fit_to(&cameras[..2]);
         assert_eq!(rig.corrections, vec![Isometry3::identity(); 2]);
+    }
+
+    /// A flat sheet shows nothing along itself; its contour does.
+    #[test]
+    fn contour_tells_where_a_flat_sheet_does_not() {
+        let off_m = [Vector3::new(0.001, 0.0, 0.0), Vector3::new(-0.001, 0.0, 0.0)];
+        let border = |camera: u32, correction: &Isometry3<f64>| {
+            let side = move |k: i32| {
+                let normal = Vector3::x() * if k % 2 == 0 { 1.0 } else { -1.0 };
+                (normal * 0.075 + Vector3::y() * (0.005 * f64::from(k) - 0.15), normal)
+            };
+            let at =
+                |x: Vector3<f64>| (correction * Point3::from(x + off_m[camera as usize])).coords;
+            (0..60)
+                .map(side)
+                .map(|(x, normal)| Word {
+                    camera,
+                    at_m: at(x),
+                    normal,
+                    way_m: normal.dot(&(x - at(x))),
+                    weight: 1.0,
+                })
+                .collect::<Vec<Word>>()
+        };
+        let mut rig = Rig::default();
+        rig.fit_to(&["a", "b"].map(camera));
+        for _ in 0..200 {
+            let words = [0, 1].map(|k| border(k, &rig.corrections[k as usize])).concat();
+            rig.learn(&words);
+        }
+        for (correction, off_m) in rig.corrections.iter().zip(off_m) {
+            let left_m = (correction.translation.vector + off_m).norm();
+            assert!(left_m < 2e-4, "{correction} for {off_m}");
+        }
     }
 }

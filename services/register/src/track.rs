@@ -15,12 +15,11 @@
 //! isometry projection, σ² started warm and floored, the outlier weight estimated.
 
 use crate::basis::{Basis, Corner, Equations, Expand, Reduce, corners};
-use crate::bias::RaySums;
 use crate::blend::Blender;
 use crate::carry::{Carry, Gathered};
 use crate::cloud::{Cloud, bounds};
 use crate::isometry::Isometry;
-use crate::mixture::{Asked, Mixture};
+use crate::mixture::{Answer, Asked, Mixture};
 use crate::outline::Outline;
 use crate::params::RegisterParams;
 use crate::visibility::Visibility;
@@ -79,8 +78,8 @@ pub struct TrackReport {
 /// Points that are enough while σ exceeds the components' spacing, and most of them left out.
 const THINNED: usize = 500;
 const THINNING_MAX: usize = 4;
-/// Points that are enough for what cameras' depth errs by, which is followed over many frames.
-const RAYS: usize = 500;
+/// Points that are enough for what cameras err by, which is followed over many frames.
+const ANSWERS: usize = 500;
 /// Points per component at which a node's confidence is one half.
 const MASS_HALF: f32 = 0.1;
 
@@ -107,6 +106,7 @@ pub(crate) struct Tracker {
     outline_start: Vec<[f32; 3]>,
     carry: Carry,
     gathered: Gathered,
+    answers: Vec<Answer>,
     moved: Vec<[f32; 3]>,
     equations: Equations,
     width: Width,
@@ -135,6 +135,7 @@ impl Tracker {
             outline_start: Vec::new(),
             carry: Carry::new(&mixture.blocks, &mixture_corners, basis.controls[1]),
             gathered: Gathered::default(),
+            answers: Vec::new(),
             moved: vec![[0.0; 3]; basis.len()],
             equations: Equations::default(),
             width: Width::available()[0],
@@ -240,20 +241,15 @@ impl Tracker {
         report
     }
 
-    /// What each camera's points say along its rays about where the nodes are now. `eyes_m`:
-    /// camera centres, world frame, metres.
-    pub fn rays(
-        &mut self,
-        cloud: &Cloud,
-        report: &TrackReport,
-        eyes_m: &[[f32; 3]],
-    ) -> Vec<RaySums> {
+    /// What some of the points say about where the nodes are now, each for as many as is returned.
+    pub fn answers(&mut self, cloud: &Cloud, report: &TrackReport) -> (&[Answer], f64) {
         let asked = Asked {
             sigma_m: report.sigma_m,
             uniform_per_m3: self.uniform_per_m3(cloud),
-            thinning: (cloud.points_m.len() / RAYS).clamp(1, THINNING_MAX),
+            thinning: (cloud.points_m.len() / ANSWERS).clamp(1, THINNING_MAX),
         };
-        self.mixture.rays(cloud, &self.visibility, &asked, eyes_m)
+        self.mixture.answers(cloud, &self.visibility, &asked, &mut self.answers);
+        (&self.answers, asked.thinning as f64)
     }
 
     /// Mean relative change of the links' lengths.
@@ -297,7 +293,8 @@ impl Tracker {
             let (now, start) =
                 (self.outline.positions_m[row.sample], self.outline_start[row.sample]);
             let force = [0, 1, 2].map(|axis| {
-                weight * (row.offset_m[axis] + f64::from(now[axis]) - f64::from(start[axis]))
+                let to_m = row.way_m * row.normal[axis] + f64::from(now[axis]);
+                weight * (to_m - f64::from(start[axis]))
             });
             self.gathered.add(corner, self.basis.controls[1], weight, force);
         }

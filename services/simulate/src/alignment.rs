@@ -16,7 +16,7 @@ const SEEN: f32 = 0.3;
 /// Fewest such nodes of a facet that do.
 const SEEN_MIN: usize = 12;
 /// A facet whose targets lie farther from a plane than this tells nothing, metres (r.m.s.).
-const RESIDUAL_MAX_M: f64 = 1.5e-3;
+const RESIDUAL_MAX_M: f64 = 0.5e-3;
 /// … and tells nothing about the table, which is flat.
 const FLAT_MAX_M: f64 = 0.7e-3;
 /// Cosine of the angle to the table from which on a facet does not lie on it, about 2°.
@@ -28,7 +28,7 @@ const UNDERMOST_M: f64 = 0.5e-3;
 const DIFFERENCE_MAX_M: f64 = 0.01;
 const HEIGHT_MAX_M: f64 = 4e-3;
 /// Words that the mean reaches back to.
-const WORDS: f64 = 60.0;
+const WORDS: f64 = 180.0;
 /// Words that speak for cameras which stand as they are calibrated: the first are heard with
 /// caution.
 const WORDS_BEFORE: f64 = 10.0;

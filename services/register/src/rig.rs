@@ -1,31 +1,36 @@
 //! How far each camera stands from where its calibration says, learnt while tracking.
 //!
 //! Cameras that are nudged, or drift as they warm up, see the sheet beside where the others see it.
-//! For each camera the small motion (t, ω) about the middle c of what is seen is found that lays its
-//! points onto the registered surface, and its contour onto the registered border:
+//! For each camera the small motion (t, ω) about its eye e is found that lays its points onto the
+//! registered surface, and its contour onto the registered border:
 //!
 //! ```text
-//! min Σ w (n·(x + t + ω × (x − c) − y))² + λ (|t|² + L² |ω|²)
+//! min Σ w (n·(x + t + ω × (x − e)) − n·y)² / Σ w, summed over the frames, + λ (|t|² + L² |ω|²)
 //! ```
 //!
-//! For a point n is its normal and y where the mixture has it; for a piece of contour n is the
-//! direction in which the contour is seen to move the fastest. What neither shows stays as it is.
-//! Corrections follow slowly, without a mean: that the whole rig moved cannot be told from a sheet
-//! that did.
+//! with x as it would be seen without correction. For a point n is its normal and y where the
+//! mixture has it; for a piece of contour n is the direction in which the contour is seen to move
+//! the fastest. Frames fade slowly: poses that show a motion are remembered through those that do
+//! not. About the eye, for there calibrations err by independent shifts and turns: one that is seen
+//! to be off by more than its shift has turned, and is off elsewhere by as much as that turn says.
+//! All is without a mean over the cameras: that the whole rig moved cannot be told from a sheet that
+//! did (`services/simulate/src/alignment.rs` can, by grippers and table).
 
 use nalgebra::{
     Isometry3, Matrix6, Point3, Rotation3, Translation3, UnitQuaternion, Vector3, Vector6,
 };
 use orime_geometry::{ObservedPoint, RgbdCamera};
 
-/// Share of a found motion by which a correction follows in one frame.
-const RATE: f64 = 0.05;
+/// What is left after a frame of what was known before it.
+const KEPT: f64 = 1.0 - 1.0 / 300.0;
+/// Frames that speak for a camera which stands as it is calibrated.
+const PRIOR_FRAMES: f64 = 2.0;
+/// Calibrations err by a turn as by a shift over so far, metres: 1 mm and 0.2°.
+const PRIOR_LEVER_M: f64 = 0.29;
 /// Points farther from the surface are of something else, metres.
 const REACH_M: f64 = 0.008;
 /// Least sum of weights that says something about a camera.
 const WEIGHT_MIN: f64 = 30.0;
-/// λ as a share of the weights' sum.
-const RIDGE: f64 = 0.03;
 /// Largest correction, metres and radians.
 const SHIFT_MAX_M: f64 = 0.02;
 const TURN_MAX_RAD: f64 = 0.05;
@@ -53,6 +58,7 @@ pub(crate) struct Rig {
     cameras: Vec<RgbdCamera>,
     /// Maps what a camera saw to where that is, world frame.
     corrections: Vec<Isometry3<f64>>,
+    known: Vec<Known>,
 }
 
 impl Rig {
@@ -62,6 +68,7 @@ impl Rig {
             self.given = cameras.to_vec();
             self.cameras = cameras.to_vec();
             self.corrections = vec![Isometry3::identity(); cameras.len()];
+            self.known = vec![Known::default(); cameras.len()];
         }
     }
 
@@ -94,10 +101,12 @@ impl Rig {
         let sum: Vector3<f64> = words.iter().map(|word| word.at_m * word.weight).sum();
         let c = Point3::from(sum / total.max(1e-9));
         let mut seen = Vec::new();
-        for (camera, correction) in self.corrections.iter_mut().enumerate() {
+        for (camera, given) in self.given.iter().enumerate() {
             let own = words.iter().filter(|word| word.camera as usize == camera);
-            if let Some(step) = step(own, &c) {
-                *correction = about(&c, &(RATE * step)) * *correction;
+            let eye = Point3::from(given.world_from_color.translation.vector);
+            let known = &mut self.known[camera];
+            if known.hear(own, &eye, &motion(&eye, &self.corrections[camera])) {
+                self.corrections[camera] = about(&eye, &known.motion());
                 seen.push(camera);
             }
         }
@@ -128,28 +137,47 @@ fn middle<'a>(points: impl Iterator<Item = &'a ObservedPoint>) -> Point3<f64> {
     Point3::from(sum / f64::max(count, 1.0))
 }
 
-/// The motion about `c` that a camera's words ask for; `None` if they are too few.
-fn step<'a>(words: impl Iterator<Item = &'a Word>, c: &Point3<f64>) -> Option<Vector6<f64>> {
-    let (mut normal, mut right) = (Matrix6::zeros(), Vector6::zeros());
-    let (mut weights, mut arm_m2) = (0.0, 0.0);
-    for Word { at_m, normal: n, way_m, weight, .. } in words.filter(|w| w.way_m.abs() < REACH_M) {
-        let arm = at_m - c.coords;
-        let turn = arm.cross(n);
-        let row = Vector6::new(n.x, n.y, n.z, turn.x, turn.y, turn.z);
-        normal += row * row.transpose() * *weight;
-        right += row * (way_m * weight);
-        arm_m2 += weight * arm.norm_squared();
-        weights += weight;
+/// What is known of one camera: Σ w row rowᵀ and Σ w row way over the frames, a frame counting 1.
+#[derive(Debug, Clone, Default)]
+struct Known {
+    normal: Matrix6<f64>,
+    right: Vector6<f64>,
+}
+
+impl Known {
+    /// Takes in a frame's words, seen while a motion about the camera's eye was applied. Whether
+    /// they were enough.
+    fn hear<'a>(
+        &mut self,
+        words: impl Iterator<Item = &'a Word>,
+        eye: &Point3<f64>,
+        applied: &Vector6<f64>,
+    ) -> bool {
+        let (mut normal, mut right, mut weights) = (Matrix6::zeros(), Vector6::zeros(), 0.0);
+        for word in words.filter(|word| word.way_m.abs() < REACH_M) {
+            let (n, turn) = (word.normal, (word.at_m - eye.coords).cross(&word.normal));
+            let row = Vector6::new(n.x, n.y, n.z, turn.x, turn.y, turn.z);
+            normal += row * row.transpose() * word.weight;
+            right += row * (word.weight * (word.way_m + row.dot(applied)));
+            weights += word.weight;
+        }
+        if weights < WEIGHT_MIN {
+            return false;
+        }
+        self.normal = self.normal * KEPT + normal / weights;
+        self.right = self.right * KEPT + right / weights;
+        true
     }
-    if weights < WEIGHT_MIN {
-        return None;
+
+    /// The likeliest motion (t, ω) about the camera's eye.
+    fn motion(&self) -> Vector6<f64> {
+        let mut normal = self.normal;
+        for k in 0..6 {
+            normal[(k, k)] +=
+                PRIOR_FRAMES * if k < 3 { 1.0 } else { PRIOR_LEVER_M * PRIOR_LEVER_M };
+        }
+        normal.cholesky().map_or_else(Vector6::zeros, |factor| factor.solve(&self.right))
     }
-    // L² is the mean square distance from c: both kinds of motion cost by what they move.
-    let ridge = RIDGE * weights;
-    for k in 0..6 {
-        normal[(k, k)] += if k < 3 { ridge } else { ridge * arm_m2 / weights };
-    }
-    normal.cholesky().map(|factor| factor.solve(&right))
 }
 
 /// The rigid motion (t, ω) about `c`.

@@ -15,7 +15,7 @@ mod sheets;
 mod slots;
 mod traffic;
 
-pub(crate) use model::Model;
+pub(crate) use model::{Frame, Model};
 pub(crate) use pieces::Piece;
 pub(crate) use sheets::Sheets;
 

@@ -2,7 +2,7 @@
 
 use super::{Pulls, Simulator};
 use crate::contact::Part;
-use crate::gpu::{GpuError, Model, Path, Piece, Sheets};
+use crate::gpu::{Frame, GpuError, Model, Path, Piece, Sheets};
 use crate::params::Backend;
 use crate::solver::{Rates, Solver};
 
@@ -40,6 +40,21 @@ impl Graphics {
     /// Whether a sheet has the links and facets that these have.
     pub(super) fn fits(&self, solver: &Solver) -> bool {
         self.model == Model::new(solver)
+    }
+
+    /// Whether a frame is the same for all of these: not their state, but what acts on them.
+    pub(super) fn alike<'a>(
+        &self,
+        mut solvers: impl Iterator<Item = &'a Solver>,
+        rates: &Rates,
+    ) -> bool {
+        let frame = |solver: &Solver| Frame {
+            anchors: 0,
+            first_substep: solver.substeps % 2,
+            ..self.model.frame(solver, rates, 1)
+        };
+        let first = solvers.next().map(frame);
+        solvers.all(|solver| Some(frame(solver)) == first)
     }
 
     /// The adapter's name.

@@ -20,6 +20,8 @@ pub(super) enum Scene {
     Links,
     /// Hinges and facets, one of which is a single row of nodes.
     Thin,
+    /// Sixteen facets and the hinges between them.
+    Many,
     /// Hinges of creases that yield and harden.
     Creases,
     /// Two grippers, one of which slips, on creases that are hinges as well.
@@ -35,10 +37,11 @@ pub(super) enum Scene {
 }
 
 impl Scene {
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Bare,
         Self::Links,
         Self::Thin,
+        Self::Many,
         Self::Creases,
         Self::Grippers,
         Self::Shares,
@@ -57,7 +60,9 @@ impl Scene {
         match self {
             Self::Bare => params.effects = vec![Effect::Gravity],
             Self::Links | Self::Shares => {}
-            Self::Creases | Self::Grippers | Self::Thin => params.effects.push(Effect::Crease),
+            Self::Creases | Self::Grippers | Self::Thin | Self::Many => {
+                params.effects.push(Effect::Crease)
+            }
             Self::Plate => params.bend.kind = BendKind::Hinge,
             Self::Paper => {
                 params.effects.push(Effect::Crease);
@@ -78,16 +83,7 @@ pub(super) fn solver(nodes: usize, scene: Scene) -> (Solver, Folds) {
     let sheet = SheetGrid::new([SIDE_M; 2], [nodes, nodes]);
     let mut solver = Solver::new(&scene.params(), &sheet, 3e5, None);
     let mut folds = Folds::flat(&sheet);
-    if scene == Scene::Thin {
-        let u = 0.55 * sheet.spacing_m()[0];
-        folds.split(0, &Line::through([u, 0.0], [u, SIDE_M]));
-        assert!((0..2).any(|facet| folds.members(facet).len() == nodes));
-    } else {
-        // One crease off the grid, with seams, and one along it.
-        folds.split(0, &Line::through([0.072, 0.0], [0.081, SIDE_M]));
-        folds.split(0, &Line::through([0.0, 0.075], [SIDE_M, 0.075]));
-        assert!(nodes < 25 || folds.facets().len() == 3);
-    }
+    crease(&mut folds, scene);
     solver.set_folds(&folds, false);
     assert!(nodes < 25 || !solver.seams.is_empty() || scene == Scene::Bare);
     let bent = |[u, v]: [f64; 2]| {
@@ -122,6 +118,37 @@ pub(super) fn solver(nodes: usize, scene: Scene) -> (Solver, Folds) {
         solver.facet_shares = vec![0.3, 0.9]; // The third gets all.
     }
     (solver, folds)
+}
+
+/// The creases of a scene.
+fn crease(folds: &mut Folds, scene: Scene) {
+    let ([n_u, _], [h_u, _]) = (folds.sheet().nodes, folds.sheet().spacing_m());
+    let mut split = |ends: [[f64; 2]; 2]| {
+        for facet in 0..folds.facets().len() {
+            folds.split(facet, &Line::through(ends[0], ends[1]));
+        }
+    };
+    match scene {
+        Scene::Many => {
+            for u in [0.25, 0.5, 0.75].map(|share| share * SIDE_M) {
+                split([[u, 0.0], [u, SIDE_M]]);
+            }
+            for v in [0.27, 0.52, 0.77].map(|share| share * SIDE_M) {
+                split([[0.0, v], [SIDE_M, v]]);
+            }
+            assert!(n_u < 25 || folds.facets().len() == 16);
+        }
+        Scene::Thin => {
+            split([[0.55 * h_u, 0.0], [0.55 * h_u, SIDE_M]]);
+            assert!((0..2).any(|facet| folds.members(facet).len() == n_u));
+        }
+        _ => {
+            // One crease off the grid, with seams, and one along it on one side.
+            folds.split(0, &Line::through([0.072, 0.0], [0.081, SIDE_M]));
+            folds.split(0, &Line::through([0.0, 0.075], [SIDE_M, 0.075]));
+            assert!(n_u < 25 || folds.facets().len() == 3);
+        }
+    }
 }
 
 /// Holds material points so far above the flat sheet, metres.

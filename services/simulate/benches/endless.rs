@@ -179,8 +179,8 @@ fn apart_m(ends: &[[[f64; 2]; 2]], others: &[[[f64; 2]; 2]]) -> f64 {
 fn failures(second: &Figures, last: &Figures) -> Vec<String> {
     let mut failures = Vec::new();
     let mut most = |name: &str, last: f64, limit: f64| {
-        // NaN fails.
-        if !(last <= limit) {
+        let holds = last <= limit; // NaN fails.
+        if !holds {
             failures.push(format!("{name}: {last:.4e}, at most {limit:.4e}"));
         }
     };

@@ -1,4 +1,4 @@
-//! Material points that are held.
+//! Material points that are held. GPU twins: `pull_anchor` and `reach` in `gpu/grippers.wgsl`.
 
 use crate::effect::Effect;
 use crate::params::SimulateConfig;
@@ -71,13 +71,13 @@ pub(crate) struct Anchor {
     /// Where the point is held, metres, in the frame of the nodes.
     pub position_m: [f32; 3],
     /// The links beside the point that may not become longer: their ends and rest lengths, metres.
-    beside: [([u32; 2], f32); BESIDE],
+    pub beside: [([u32; 2], f32); BESIDE],
 }
 
 /// Times that all pairs of grips are brought within reach of each other.
 const REACH_SWEEPS: usize = 8;
 /// Neighbours of four nodes.
-const BESIDE: usize = 16;
+pub(crate) const BESIDE: usize = 16;
 
 impl Anchor {
     /// The cell's nodes around a grip; a corner in another facet is left out where possible.

@@ -102,7 +102,6 @@ pub enum BendKind {
     #[default]
     Links,
     /// Hinges between neighbouring cells and the cells' twist, as in a thin plate that rests flat.
-    /// On the CPU only.
     Hinge,
 }
 
@@ -367,17 +366,6 @@ impl Default for PredictParams {
 }
 
 impl SimulateParams {
-    /// An effect that this scene names and that the graphics processor cannot do.
-    pub(crate) fn cpu_only(&self) -> Option<Effect> {
-        let paper = self.damping.kind == DampingKind::Paper;
-        self.effects.iter().copied().find(|effect| match effect {
-            Effect::Crease => true,
-            Effect::Damping => paper,
-            Effect::Bend => self.bend.kind == BendKind::Hinge,
-            _ => false,
-        })
-    }
-
     /// Checks the section; every problem at once.
     pub fn check(&self) -> Result<SimulateConfig, Vec<Problem>> {
         let Self {
@@ -444,12 +432,7 @@ impl SimulateParams {
 
     /// What depends on several keys, and the sections that are checked elsewhere.
     fn check_together(&self, mut checker: Checker) -> Result<SimulateConfig, Vec<Problem>> {
-        let Self { substeps, backend, damping, folds, self_contact, .. } = self;
-        if let (Backend::Gpu, Some(effect)) = (*backend, self.cpu_only()) {
-            let message =
-                format!("is \"gpu\", but {} runs on the CPU only: take \"auto\"", effect.name());
-            checker.problem("backend", message);
-        }
+        let Self { substeps, damping, folds, self_contact, .. } = self;
         if damping.kind == DampingKind::Paper {
             let gamma = damping.time_s * f64::from(*substeps) / FRAME_S_NOMINAL;
             let requirement = "the paper's form diverges where time_s / dt > 1/2 at 30 frames/s; \

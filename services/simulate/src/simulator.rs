@@ -348,6 +348,7 @@ impl Simulator {
         #[cfg(not(feature = "gpu"))]
         let elsewhere = false;
         if !elsewhere {
+            self.solver.yield_creases();
             let mut hooks = Hooks {
                 contact: contact.as_deref_mut(),
                 watch: watch.as_deref_mut(),
@@ -372,7 +373,6 @@ impl Simulator {
     fn begin(&mut self, dt_s: f64, report: &mut SimulateReport) -> Rates {
         let rates = self.rates(dt_s, report);
         self.set_ratios(rates.dt_s);
-        self.solver.yield_creases();
         rates
     }
 

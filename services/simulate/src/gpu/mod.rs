@@ -2,14 +2,22 @@
 //!
 //! A sheet that one workgroup can carry is a single dispatch a frame ([`Path::OneWorkgroup`]), and
 //! a batch is a workgroup per sheet; a large sheet is a dispatch per colour and substep
-//! ([`Path::Apart`]). Every kernel has a CPU twin of the same name in `solver`.
+//! ([`Path::Apart`]). Every kernel has a CPU twin of the same name in `solver`, or in `grips.rs`.
+//! What a scene does not name, or what sleeps, is not even compiled ([`Piece`]). Self-contact stays
+//! on the CPU: it works on lists that grow and shrink from substep to substep, in the caller's
+//! hands.
 
 mod device;
+mod kernels;
 mod model;
+mod pieces;
 mod sheets;
+mod slots;
+mod traffic;
 
-pub(crate) use model::Model;
-pub(crate) use sheets::{Points, Sheets};
+pub(crate) use model::{Frame, Model};
+pub(crate) use pieces::Piece;
+pub(crate) use sheets::Sheets;
 
 /// Why the graphics processor is not used.
 #[derive(Debug, thiserror::Error)]

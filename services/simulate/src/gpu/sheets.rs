@@ -1,17 +1,20 @@
 //! Sheets of one model on the graphics processor.
 
 use super::device::Opened;
+use super::kernels::{CHOICE_BYTES, Kernels, Over};
 use super::model::{Frame, Model};
+use super::slots::Slot;
+use super::traffic::Traffic;
 use super::{GpuError, Path};
 use wgpu::BufferUsages as Usage;
 
-/// Bytes of `Choice` in `passes_apart.wgsl`.
-pub(super) const CHOICE_BYTES: u64 = 32;
 /// Invocations of a workgroup, as in the kernels.
 const WIDTH: u32 = 256;
-/// Most substeps of one submission. Longer ones meet the watchdogs of drivers; llvmpipe silently
-/// ends a shader's loops after 65,535 rounds in all.
+/// Most substeps of one submission: longer ones meet the watchdogs of drivers.
 const SUBSTEPS_MAX: u32 = 32;
+/// Most rounds of loops of one submission: llvmpipe silently ends a shader's loops after 65,535
+/// rounds in all.
+const ROUNDS_MAX: u32 = 60_000;
 /// What no kernel may leave behind: NaN.
 const POISON: u8 = 0xff;
 
@@ -19,102 +22,95 @@ const POISON: u8 = 0xff;
 #[derive(Debug, Clone)]
 pub(crate) struct Sheets {
     opened: Opened,
+    kernels: Kernels,
     path: Path,
     sheets: u32,
-    nodes: u32,
-    ranges: Vec<[u32; 2]>,
-    facets: u32,
-    frame: wgpu::Buffer,
-    x: wgpu::Buffer,
-    v: wgpu::Buffer,
-    targets: wgpu::Buffer,
+    /// Links of each colour, and of the plate's.
+    counts: [Vec<u32>; 2],
+    substeps_max: u32,
+    buffers: Vec<(Slot, wgpu::Buffer)>,
     result: wgpu::Buffer,
     data: wgpu::BindGroup,
     choice: wgpu::BindGroup,
     /// Bytes from choice to choice.
     stride: u32,
-    read: Vec<[f32; 4]>,
+    /// What goes there before a step, and has come back after it.
+    pub traffic: Traffic,
 }
-
-/// A point per node of every sheet, sheet by sheet; the fourth number is its inverse mass, or the
-/// share of the way to a target.
-pub(crate) type Points = Vec<[f32; 4]>;
 
 impl Sheets {
     /// Opens the adapter and makes room for that many sheets of a model.
-    pub fn new(model: &Model, nodes: u32, sheets: u32, path: Path) -> Result<Self, GpuError> {
-        Self::on(Opened::new()?, model, [nodes, sheets], path)
+    pub fn new(model: &Model, sheets: u32, path: Path) -> Result<Self, GpuError> {
+        let opened = Opened::new()?;
+        let kernels = opened.checked(|| Kernels::new(&opened.device, model.pieces, path))?;
+        Self::on(opened, kernels, model, sheets, path)
     }
 
     /// The same sheets with another model.
     pub fn renewed(&self, model: &Model) -> Result<Self, GpuError> {
-        Self::on(self.opened.clone(), model, [self.nodes, self.sheets], self.path)
+        let (opened, path) = (self.opened.clone(), self.path);
+        let kernels = if model.pieces == self.kernels.pieces {
+            self.kernels.clone()
+        } else {
+            opened.checked(|| Kernels::new(&opened.device, model.pieces, path))?
+        };
+        Self::on(opened, kernels, model, self.sheets, path)
     }
 
     fn on(
         opened: Opened,
+        kernels: Kernels,
         model: &Model,
-        [nodes, sheets]: [u32; 2],
+        sheets: u32,
         path: Path,
     ) -> Result<Self, GpuError> {
         assert!(path == Path::OneWorkgroup || sheets == 1, "a large sheet comes alone");
-        let device = &opened.device;
-        let scope = device.push_error_scope(wgpu::ErrorFilter::Validation);
-        let make = |size, usage| buffer(device, size, usage);
-        let points = (nodes * sheets) as usize * size_of::<[f32; 4]>();
-        let state: [_; 5] = std::array::from_fn(|_| make(points, Usage::STORAGE));
-        let [x, v, before, ahead, targets] = state;
-        let frame = make(size_of::<Frame>(), Usage::UNIFORM);
-        let links = make(size_of_val(&model.links[..]), Usage::STORAGE);
-        let ranges = make(size_of_val(&model.ranges[..]), Usage::STORAGE);
-        let facets = make(size_of_val(&model.facets[..]), Usage::STORAGE);
-        let stride = device.limits().min_uniform_buffer_offset_alignment.max(CHOICE_BYTES as u32);
-        let n_choices = model.ranges.len().max(model.n_facets as usize).max(1);
-        let choices = make(n_choices * stride as usize, Usage::UNIFORM);
-        let result = device.create_buffer(&wgpu::BufferDescriptor {
-            label: None,
-            size: 2 * points as u64,
-            usage: Usage::MAP_READ | Usage::COPY_DST,
-            mapped_at_creation: false,
-        });
-        let queue = &opened.queue;
-        queue.write_buffer(&links, 0, bytemuck::cast_slice(&model.links));
-        queue.write_buffer(&ranges, 0, bytemuck::cast_slice(&model.ranges));
-        queue.write_buffer(&facets, 0, bytemuck::cast_slice(&model.facets));
-        for buffer in [&before, &ahead] {
-            queue.write_buffer(buffer, 0, &vec![POISON; points]);
-        }
-        queue.write_buffer(&result, 0, &vec![POISON; 2 * points]);
-        for index in 0..n_choices as u32 {
-            queue.write_buffer(&choices, u64::from(index * stride), &index.to_le_bytes());
-        }
-        let all = [&frame, &x, &v, &before, &ahead, &targets, &links, &ranges, &facets];
-        let data = group(device, &opened.data, &all.map(|b| b.as_entire_binding()));
-        let part = wgpu::BufferBinding {
-            buffer: &choices,
-            offset: 0,
-            size: std::num::NonZeroU64::new(CHOICE_BYTES),
+        let traffic = Traffic::new(model, sheets as usize);
+        let of_each = |ranges: &mut dyn Iterator<Item = [u32; 2]>| {
+            ranges.map(|[from, to]| to - from).collect::<Vec<_>>()
         };
-        let choice = group(device, &opened.choice, &[wgpu::BindingResource::Buffer(part)]);
-        if let Some(error) = pollster::block_on(scope.pop()) {
-            return Err(GpuError::Refused { name: opened.name, why: error.to_string() });
-        }
-        let read = vec![[f32::NAN; 4]; 2 * (nodes * sheets) as usize];
+        let counts = [
+            of_each(&mut model.ranges.iter().copied()),
+            of_each(&mut model.stencil_colours.iter().map(|colour| colour.range)),
+        ];
+        let device = &opened.device;
+        let stride = device.limits().min_uniform_buffer_offset_alignment.max(CHOICE_BYTES as u32);
+        // Two at least: whether a substep is odd.
+        let n_choices = counts.iter().map(Vec::len).fold(2, usize::max);
+        let (buffers, result, data, choice) = opened.checked(|| {
+            let (buffers, result) = buffers(&opened, model, &traffic);
+            let choices = buffer(device, n_choices * stride as usize, Usage::UNIFORM);
+            for index in 0..n_choices as u32 {
+                opened.queue.write_buffer(
+                    &choices,
+                    u64::from(index * stride),
+                    &index.to_le_bytes(),
+                );
+            }
+            let part = wgpu::BufferBinding {
+                buffer: &choices,
+                offset: 0,
+                size: std::num::NonZeroU64::new(CHOICE_BYTES),
+            };
+            let choice = [(0, wgpu::BindingResource::Buffer(part))];
+            let all = buffers.iter().map(|(slot, b)| (*slot as u32, b.as_entire_binding()));
+            let data = group(device, &kernels.data, all);
+            let choice = group(device, &kernels.choice, choice.into_iter());
+            (buffers, result, data, choice)
+        })?;
+        let substeps_max = (ROUNDS_MAX / model.rounds(WIDTH)).clamp(1, SUBSTEPS_MAX);
         Ok(Self {
-            ranges: model.ranges.clone(),
-            facets: model.n_facets,
+            kernels,
             path,
             sheets,
-            nodes,
-            frame,
-            x,
-            v,
-            targets,
+            counts,
+            substeps_max,
+            buffers,
             result,
             data,
             choice,
             stride,
-            read,
+            traffic,
             opened,
         })
     }
@@ -124,77 +120,74 @@ impl Sheets {
         &self.opened.name
     }
 
-    /// Advances all sheets by a frame: `x` and `v` go there and come back.
-    pub fn step(
-        &mut self,
-        frame: &Frame,
-        targets: &[[f32; 4]],
-        x: &mut [[f32; 4]],
-        v: &mut [[f32; 4]],
-    ) -> Result<(), GpuError> {
-        let points = (self.nodes * self.sheets) as usize;
-        assert!([targets.len(), x.len(), v.len()] == [points; 3], "a point per node");
+    /// Advances all sheets by a frame: the traffic goes there and comes back.
+    pub fn step(&mut self, frame: &Frame) -> Result<(), GpuError> {
         let Opened { device, queue, .. } = &self.opened;
-        queue.write_buffer(&self.targets, 0, bytemuck::cast_slice(targets));
-        queue.write_buffer(&self.x, 0, bytemuck::cast_slice(x));
-        queue.write_buffer(&self.v, 0, bytemuck::cast_slice(v));
-        for done in (0..frame.substeps).step_by(SUBSTEPS_MAX as usize) {
+        for (slot, buffer) in &self.buffers {
+            if let Some(bytes) = self.traffic.bytes(*slot) {
+                queue.write_buffer(buffer, 0, bytes);
+            }
+        }
+        for done in (0..frame.substeps).step_by(self.substeps_max as usize) {
             self.submit(&Frame {
-                substeps: (frame.substeps - done).min(SUBSTEPS_MAX),
+                substeps: (frame.substeps - done).min(self.substeps_max),
                 first_substep: frame.first_substep.wrapping_add(done),
+                is_first: u32::from(done == 0),
                 ..*frame
             });
         }
-        let bytes = (points * size_of::<[f32; 4]>()) as u64;
         let mut encoder = device.create_command_encoder(&Default::default());
-        encoder.copy_buffer_to_buffer(&self.x, 0, &self.result, 0, bytes);
-        encoder.copy_buffer_to_buffer(&self.v, 0, &self.result, bytes, bytes);
+        let mut at = 0;
+        for (slot, buffer) in &self.buffers {
+            if Slot::BACK.contains(slot) {
+                let bytes = self.traffic.back(*slot).len() as u64;
+                encoder.copy_buffer_to_buffer(buffer, 0, &self.result, at, bytes);
+                at += bytes;
+            }
+        }
         queue.submit([encoder.finish()]);
-        self.read_back()?;
-        let (new_x, new_v) = self.read.split_at(points);
-        x.copy_from_slice(new_x);
-        v.copy_from_slice(new_v);
-        Ok(())
+        self.read_back()
     }
 
     fn submit(&self, frame: &Frame) {
         let Opened { device, queue, .. } = &self.opened;
-        queue.write_buffer(&self.frame, 0, bytemuck::bytes_of(frame));
+        let (_, buffer) = &self.buffers[Slot::Frame as usize];
+        queue.write_buffer(buffer, 0, bytemuck::bytes_of(frame));
         let mut encoder = device.create_command_encoder(&Default::default());
         {
             let mut pass = encoder.begin_compute_pass(&Default::default());
             pass.set_bind_group(0, &self.data, &[]);
-            match self.path {
-                Path::OneWorkgroup => {
-                    pass.set_pipeline(&self.opened.sheet_frame);
-                    pass.dispatch_workgroups(self.sheets, 1, 1);
+            pass.set_bind_group(1, &self.choice, &[0]);
+            if let Some(whole) = &self.kernels.frame {
+                pass.set_pipeline(whole);
+                pass.dispatch_workgroups(self.sheets, 1, 1);
+            }
+            for substep in 0..frame.substeps {
+                for (pipeline, over) in &self.kernels.passes {
+                    pass.set_pipeline(pipeline);
+                    self.dispatch(&mut pass, *over, frame, substep);
                 }
-                Path::Apart => self.dispatch_apart(&mut pass, frame),
             }
         }
         queue.submit([encoder.finish()]);
     }
 
-    fn dispatch_apart(&self, pass: &mut wgpu::ComputePass<'_>, frame: &Frame) {
-        let over = |count: u32| count.div_ceil(WIDTH).max(1);
-        pass.set_bind_group(1, &self.choice, &[0]);
-        for substep in 0..frame.substeps {
-            pass.set_pipeline(&self.opened.advance_all);
-            pass.dispatch_workgroups(over(self.nodes), 1, 1);
-            pass.set_pipeline(&self.opened.project_colour);
-            for (colour, [from, to]) in self.ranges.iter().enumerate() {
-                pass.set_bind_group(1, &self.choice, &[colour as u32 * self.stride]);
-                pass.dispatch_workgroups(over(to - from), 1, 1);
+    /// A pass of a sheet that is cut into dispatches.
+    fn dispatch(&self, pass: &mut wgpu::ComputePass<'_>, over: Over, frame: &Frame, substep: u32) {
+        let mut each = |choice: u32, count: u32| {
+            pass.set_bind_group(1, &self.choice, &[choice * self.stride]);
+            pass.dispatch_workgroups(count.div_ceil(WIDTH).max(1), 1, 1);
+        };
+        match over {
+            Over::PlasticLinks if frame.is_first == 1 && substep == 0 => {
+                each(0, frame.plastic_links);
             }
-            pass.set_pipeline(&self.opened.hold_one_facet);
-            for k in 0..self.facets {
-                let forward = frame.first_substep.wrapping_add(substep).is_multiple_of(2);
-                let facet = if forward { k } else { self.facets - 1 - k };
-                pass.set_bind_group(1, &self.choice, &[facet * self.stride]);
-                pass.dispatch_workgroups(1, 1, 1);
-            }
-            pass.set_pipeline(&self.opened.settle_all);
-            pass.dispatch_workgroups(over(self.nodes), 1, 1);
+            Over::PlasticLinks => {}
+            Over::Nodes => each(0, frame.nodes),
+            Over::Colours => (0..).zip(&self.counts[0]).for_each(|(at, n)| each(at, *n)),
+            Over::StencilColours => (0..).zip(&self.counts[1]).for_each(|(at, n)| each(at, *n)),
+            Over::Once => each(0, 1),
+            Over::ThereAndBack => each(frame.first_substep.wrapping_add(substep) % 2, 1),
         }
     }
 
@@ -211,11 +204,49 @@ impl Sheets {
         mapped.map_err(|error| failed(error.to_string()))?;
         {
             let bytes = slice.get_mapped_range().map_err(|error| failed(error.to_string()))?;
-            self.read.copy_from_slice(bytemuck::cast_slice(&bytes));
+            let mut at = 0;
+            for (slot, _) in &self.buffers {
+                let to = self.traffic.back(*slot);
+                to.copy_from_slice(&bytes[at..at + to.len()]);
+                at += to.len();
+            }
         }
         self.result.unmap();
         Ok(())
     }
+}
+
+/// The buffers of a model's pieces by their numbers, filled or poisoned, and one to read from.
+fn buffers(
+    opened: &Opened,
+    model: &Model,
+    traffic: &Traffic,
+) -> (Vec<(Slot, wgpu::Buffer)>, wgpu::Buffer) {
+    let make = |slot: Slot| {
+        let points = size_of_val(&traffic.x[..]);
+        let size = match slot {
+            Slot::Frame => size_of::<Frame>(),
+            _ => traffic.bytes(slot).or(model.bytes(slot)).map_or(points, <[u8]>::len),
+        };
+        let usage = if slot == Slot::Frame { Usage::UNIFORM } else { Usage::STORAGE };
+        let buffer = buffer(&opened.device, size, usage);
+        match model.bytes(slot) {
+            Some(bytes) => opened.queue.write_buffer(&buffer, 0, bytes),
+            None => opened.queue.write_buffer(&buffer, 0, &vec![POISON; size]),
+        }
+        (slot, buffer)
+    };
+    let all: Vec<_> = Slot::of(model.pieces).map(make).collect();
+    let back = Slot::BACK.iter().filter_map(|slot| traffic.bytes(*slot)).map(<[u8]>::len);
+    let size = back.sum::<usize>();
+    let result = opened.device.create_buffer(&wgpu::BufferDescriptor {
+        label: None,
+        size: size as u64,
+        usage: Usage::MAP_READ | Usage::COPY_DST,
+        mapped_at_creation: false,
+    });
+    opened.queue.write_buffer(&result, 0, &vec![POISON; size]);
+    (all, result)
 }
 
 fn buffer(device: &wgpu::Device, size: usize, usage: Usage) -> wgpu::Buffer {
@@ -227,15 +258,13 @@ fn buffer(device: &wgpu::Device, size: usize, usage: Usage) -> wgpu::Buffer {
     })
 }
 
-fn group(
+fn group<'a>(
     device: &wgpu::Device,
     layout: &wgpu::BindGroupLayout,
-    resources: &[wgpu::BindingResource<'_>],
+    resources: impl Iterator<Item = (u32, wgpu::BindingResource<'a>)>,
 ) -> wgpu::BindGroup {
-    let entries: Vec<_> = (0..)
-        .zip(resources)
-        .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource: resource.clone() })
-        .collect();
+    let entries: Vec<_> =
+        resources.map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource }).collect();
     let descriptor = wgpu::BindGroupDescriptor { label: None, layout, entries: &entries };
     device.create_bind_group(&descriptor)
 }

@@ -38,7 +38,8 @@ impl Batch {
     }
 
     /// Takes all sheets to the graphics processor from now on and names it. They must have the
-    /// same links and facets; from the first frame on in which they have not, all is done here.
+    /// same links and facets, and the same settings; from the first frame on in which they have
+    /// not, all is done here.
     #[cfg(feature = "gpu")]
     pub fn to_gpu(&mut self) -> Result<Option<String>, crate::GpuError> {
         self.graphics = None;
@@ -92,7 +93,8 @@ impl Batch {
         let all: Vec<_> = self.sheets.par_iter_mut().zip(&mut reports).map(begin).collect();
         let first = all.first()?.1;
         // One frame for all: a table that sheets see at different heights is not one.
-        let alike = all.iter().all(|(can, rates)| *can && *rates == first);
+        let alike = all.iter().all(|(can, rates)| *can && *rates == first)
+            && graphics.alike(self.sheets.iter().map(|sheet| &sheet.solver), &first);
         let mut solvers: Vec<_> = self.sheets.iter_mut().map(|sheet| &mut sheet.solver).collect();
         if !alike || graphics.advance(&mut solvers, &first, substeps).is_err() {
             self.graphics = None;

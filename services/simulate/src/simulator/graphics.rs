@@ -2,10 +2,9 @@
 
 use super::{Pulls, Simulator};
 use crate::contact::Part;
-use crate::gpu::{GpuError, Model, Path, Points, Sheets};
+use crate::gpu::{Frame, GpuError, Model, Path, Piece, Sheets};
 use crate::params::Backend;
-use crate::solver::{Damp, Rates, Solver};
-use orime_lanes::Field;
+use crate::solver::{Rates, Solver};
 
 /// Nodes from which on a sheet is cut into dispatches of its own.
 const APART_NODES: u32 = 2048;
@@ -17,7 +16,6 @@ const MEASURED_FRAMES: usize = 8;
 pub(super) struct Graphics {
     sheets: Sheets,
     model: Model,
-    points: [Points; 3],
 }
 
 /// Which backend was chosen, and why.
@@ -35,15 +33,28 @@ impl Graphics {
     /// Room for that many sheets like this one.
     pub(super) fn new(solver: &Solver, path: Path, sheets: u32) -> Result<Self, GpuError> {
         let model = Model::new(solver);
-        let nodes = (solver.layout.nodes[0] * solver.layout.nodes[1]) as u32;
-        let points = [(); 3].map(|()| vec![[0.0; 4]; (nodes * sheets) as usize]);
-        let sheets = Sheets::new(&model, nodes, sheets, path)?;
-        Ok(Self { sheets, model, points })
+        let sheets = Sheets::new(&model, sheets, path)?;
+        Ok(Self { sheets, model })
     }
 
     /// Whether a sheet has the links and facets that these have.
     pub(super) fn fits(&self, solver: &Solver) -> bool {
         self.model == Model::new(solver)
+    }
+
+    /// Whether a frame is the same for all of these: not their state, but what acts on them.
+    pub(super) fn alike<'a>(
+        &self,
+        mut solvers: impl Iterator<Item = &'a Solver>,
+        rates: &Rates,
+    ) -> bool {
+        let frame = |solver: &Solver| Frame {
+            anchors: 0,
+            first_substep: solver.substeps % 2,
+            ..self.model.frame(solver, rates, 1)
+        };
+        let first = solvers.next().map(frame);
+        solvers.all(|solver| Some(frame(solver)) == first)
     }
 
     /// The adapter's name.
@@ -59,62 +70,44 @@ impl Graphics {
         substeps: u32,
     ) -> Result<(), GpuError> {
         let Some(first) = solvers.first() else { return Ok(()) };
-        let frame = self.model.frame(first, rates, substeps);
-        let nodes = frame.nodes as usize;
-        let [x, v, targets] = &mut self.points;
-        for (sheet, solver) in solvers.iter().enumerate() {
-            let at = sheet * nodes..(sheet + 1) * nodes;
-            fill(solver, &solver.x, solver.weights.as_ref(), 1.0, &mut x[at.clone()]);
-            fill(solver, &solver.v, None, 0.0, &mut v[at.clone()]);
-            match &solver.targets {
-                Some(pulls) if pulls.count > 0 => {
-                    fill(solver, &pulls.at_m, Some(&pulls.ratio), 0.0, &mut targets[at]);
-                }
-                _ => targets[at].fill([0.0; 4]),
-            }
+        let mut frame = self.model.frame(first, rates, substeps);
+        frame.anchors =
+            solvers.iter().map(|solver| solver.anchors.len()).fold(0, usize::max) as u32;
+        if frame.anchors > 0 {
+            self.wake_grippers()?;
         }
-        self.sheets.step(&frame, targets, x, v)?;
+        for (sheet, solver) in solvers.iter().enumerate() {
+            self.sheets.traffic.fill(sheet, solver);
+        }
+        self.sheets.step(&frame)?;
         for (sheet, solver) in solvers.iter_mut().enumerate() {
-            let (layout, at) = (solver.layout, sheet * nodes..(sheet + 1) * nodes);
-            for (fields, points) in [(&mut solver.x, &*x), (&mut solver.v, &*v)] {
-                for (axis, field) in fields.iter_mut().enumerate() {
-                    let rows = field.rows_mut();
-                    for (place, point) in layout.places().zip(&points[at.clone()]) {
-                        rows[place] = point[axis];
-                    }
-                }
-            }
+            self.sheets.traffic.give_back(sheet, solver);
             solver.substeps = solver.substeps.wrapping_add(substeps);
         }
+        Ok(())
+    }
+
+    /// Nothing is made for grippers before the first one holds.
+    fn wake_grippers(&mut self) -> Result<(), GpuError> {
+        if !self.model.pieces.contains(Piece::Grippers) {
+            let mut model = self.model.clone();
+            model.pieces.insert(Piece::Grippers);
+            self.renew(model)?;
+        }
+        Ok(())
+    }
+
+    fn renew(&mut self, model: Model) -> Result<(), GpuError> {
+        self.sheets = self.sheets.renewed(&model)?;
+        self.model = model;
         Ok(())
     }
 }
 
 /// Whether the graphics processor can do all that is awake; `touches`: a caller takes part with
-/// contact.
+/// contact, whose lists grow and shrink from substep to substep in the caller's hands.
 pub(super) fn can_do(solver: &Solver, rates: &Rates, touches: bool) -> bool {
-    // The kernels know one strength for all facets.
-    let facets_alike = solver.facet_shares.iter().all(|share| *share == 1.0);
-    facets_alike
-        && solver.anchors.is_empty()
-        && solver.hinges.is_empty()
-        && solver.plastic_links.is_empty()
-        && !(touches && solver.has_contact && rates.contact_awake)
-        && solver.damping.is_none_or(|(damp, _)| damp != Damp::Paper)
-}
-
-fn fill(
-    solver: &Solver,
-    fields: &[Field; 3],
-    fourth: Option<&Field>,
-    otherwise: f32,
-    points: &mut [[f32; 4]],
-) {
-    let [x, y, z] = fields.each_ref().map(|field| field.rows());
-    let fourth = fourth.map(Field::rows);
-    for (place, point) in solver.layout.places().zip(points) {
-        *point = [x[place], y[place], z[place], fourth.map_or(otherwise, |w| w[place])];
-    }
+    !(touches && solver.has_contact && rates.contact_awake)
 }
 
 impl Simulator {
@@ -125,10 +118,6 @@ impl Simulator {
         let mut chosen = Chosen { adapter: None, frame_s: [f64::NAN; 2], refused: None };
         self.graphics = None;
         if self.params.backend == Backend::Cpu {
-            return Ok(chosen);
-        }
-        if let (Backend::Auto, Some(effect)) = (self.params.backend, self.params.cpu_only()) {
-            chosen.refused = Some(format!("{} runs on the CPU only", effect.name()));
             return Ok(chosen);
         }
         let path =
@@ -200,10 +189,12 @@ impl Simulator {
     /// Tells the graphics processor of new links and facets.
     pub(super) fn renew_graphics(&mut self) {
         let Some(graphics) = &mut self.graphics else { return };
-        let model = Model::new(&self.solver);
-        match graphics.sheets.renewed(&model) {
-            Ok(sheets) => (graphics.sheets, graphics.model) = (sheets, model),
-            Err(_) => self.graphics = None,
+        let mut model = Model::new(&self.solver);
+        if graphics.model.pieces.contains(Piece::Grippers) {
+            model.pieces.insert(Piece::Grippers);
+        }
+        if graphics.renew(model).is_err() {
+            self.graphics = None;
         }
     }
 }

@@ -8,6 +8,9 @@
 //!
 //! The hinge turns whole facets about their common line, so that the crease need not lie on the
 //! grid. Angles are as in `orime_creases::Crease`, followed through half a turn.
+//!
+//! GPU twins: `turn`, `follow`, `yield_to` and `lean_facet` in `gpu/crease.wgsl`, `yield_link` in
+//! `gpu/plastic.wgsl`.
 
 use crate::solver::facets::{FacetTable, FitFacet, Frame, dot};
 use crate::solver::links::{Colour, Rest};
@@ -33,17 +36,17 @@ pub(crate) struct Hinge {
     /// The facets left and right of it.
     pub facets: [usize; 2],
     /// Unit direction, (u, v).
-    direction: [f64; 2],
+    pub direction: [f64; 2],
     /// Distance from it of each facet's mean, metres, both positive.
-    center_m: [f64; 2],
+    pub center_m: [f64; 2],
     /// Σ distance² over each facet's nodes, m².
-    inertia_m2: [f64; 2],
+    pub inertia_m2: [f64; 2],
     /// Angle as last seen, radians.
     pub angle_rad: f64,
     /// Angle that it goes back to, radians.
     pub rest_rad: f64,
     /// Elastic range by now, radians.
-    yields_at_rad: f64,
+    pub yields_at_rad: f64,
 }
 
 impl Hinge {
@@ -191,13 +194,22 @@ pub(crate) struct PlasticLink {
     colour: u16,
     lane: u16,
     chunk: u32,
-    ends: [u32; 2],
+    /// Places of its ends.
+    pub ends: [u32; 2],
     /// Rest length of the uncreased sheet, metres.
-    rest_m: f32,
+    pub rest_m: f32,
 }
 
 impl PlasticLink {
-    fn rest_mut<'a>(&self, colours: &'a mut [Colour]) -> Option<&'a mut f32> {
+    /// The rest length that it has come to, metres.
+    #[cfg(feature = "gpu")]
+    pub fn rest_now_m(&self, colours: &[Colour]) -> f32 {
+        let colour = &colours[usize::from(self.colour)];
+        colour.rest_m.of(self.chunk as usize, usize::from(self.lane))
+    }
+
+    /// The same, to be changed.
+    pub fn rest_mut<'a>(&self, colours: &'a mut [Colour]) -> Option<&'a mut f32> {
         let colour = &mut colours[usize::from(self.colour)];
         let Rest::Each(rest_m) = &mut colour.rest_m else { return None };
         Some(&mut rest_m[self.chunk as usize].0[usize::from(self.lane)])

@@ -1,5 +1,5 @@
-//! Stiff facets: each is held by its best rigid pose. GPU twin: `hold_facet` in
-//! `gpu/passes.wgsl`.
+//! Stiff facets: each is held by its best rigid pose. GPU twins: `fit_facet` and `polar` in
+//! `gpu/fit.wgsl`, `hold_facet` in `gpu/facets.wgsl`.
 //!
 //! ```text
 //! a = Σ (x − x̄)(u − ū),  b = Σ (x − x̄)(v − v̄),  M = [a b],  S = √(MᵀM) in closed form

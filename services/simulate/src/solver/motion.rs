@@ -1,5 +1,5 @@
-//! Inertia, the pull of targets, the table: passes over nodes. GPU twins: `advance`, `pull`,
-//! `rest_on_table` and `settle` in `gpu/passes.wgsl`.
+//! Inertia, the pull of targets, the table: passes over nodes. GPU twins: `advance` and `settle`
+//! in `gpu/passes.wgsl`, `pull` in `gpu/track.wgsl`, `rest_on_table` in `gpu/table.wgsl`.
 
 use orime_lanes::Field;
 use orime_lanes::{LANES, Lanes, Pass, dot, load_points, minus, plus, store_points, times};

@@ -1,4 +1,5 @@
-//! Bending as a thin plate: hinges between neighbouring cells, and every cell's twist.
+//! Bending as a thin plate: hinges between neighbouring cells, and every cell's twist. GPU twin:
+//! `flatten` in `gpu/plate.wgsl`.
 //!
 //! Bergou's isometric bending (A Quadratic Bending Model for Inextensible Surfaces, 2006) on a
 //! grid: as long as lengths are kept, the energy of the dihedral angles is quadratic in the
@@ -28,7 +29,7 @@ pub(crate) struct Stencils {
     /// From the first node to each, in numbers of a field.
     offsets: [usize; POINTS],
     /// c; 0 for one that is not there.
-    factors: [f32; POINTS],
+    pub factors: [f32; POINTS],
     /// Stiffness for a rigidity of 1 N·m, 1/m².
     stiffness_per_m2: f64,
     /// Vectors of stencils, by growing first node.
@@ -39,6 +40,15 @@ impl Stencils {
     /// Stencils that act.
     pub fn count(&self) -> usize {
         self.chunks.iter().map(|chunk| chunk.bits.count_ones() as usize).sum()
+    }
+
+    /// The places of those that act.
+    #[cfg(feature = "gpu")]
+    pub fn acting(&self) -> impl Iterator<Item = [usize; POINTS]> {
+        self.chunks.iter().flat_map(|chunk| {
+            let acting = (0..LANES).filter(|lane| chunk.bits >> lane & 1 == 1);
+            acting.map(|lane| self.offsets.map(|offset| chunk.first as usize + lane + offset))
+        })
     }
 
     /// Bytes that they take.

@@ -3,7 +3,7 @@
 use super::facets::{FitFacet, Frame, HoldFacet};
 use super::links::Seam;
 use super::motion::{Advance, Pull, RestOnTable, Settle};
-use super::plate::Flatten;
+use super::plate::{Flatten, Stencils};
 use super::project::{Damp, Project};
 use super::{Solver, Targets};
 use crate::contact::{ContactPass, Part};
@@ -164,7 +164,7 @@ impl Solver {
     /// Hinges and twists, colour by colour.
     fn flatten(&mut self, rates: &Rates, hooks: &mut Hooks<'_, '_>) {
         for stencils in &self.plate {
-            let alpha = stencils.alpha(self.rigidity_n_m, self.inverse_mass_per_kg, rates.dt_s);
+            let alpha = self.plate_alpha(stencils, rates.dt_s);
             let (weights, x) = (self.weights.as_ref(), &mut self.x);
             self.width.run(Flatten { stencils, alpha, weights, x });
             hooks.done(Part::Of(Effect::Bend));
@@ -206,6 +206,11 @@ impl Solver {
             _ => bend,
         };
         compliance / (dt_s * dt_s) / self.inverse_mass_per_kg
+    }
+
+    /// The same of the plate's hinges and twists.
+    pub fn plate_alpha(&self, stencils: &Stencils, dt_s: f32) -> f32 {
+        stencils.alpha(self.rigidity_n_m, self.inverse_mass_per_kg, dt_s)
     }
 
     fn hold_facets(&mut self, hooks: &mut Hooks<'_, '_>) {

@@ -152,7 +152,7 @@ mod tests {
 
     fn learnt(grips: &[Grip], targets_m: &[[f32; 3]], confidence: f32) -> [f32; 3] {
         let (mut alignment, folds) = (Alignment::default(), Folds::flat(&sheet()));
-        for _ in 0..400 {
+        for _ in 0..1000 {
             let confidence = &vec![confidence; targets_m.len()];
             alignment.learn_grips(grips, &Seen { folds: &folds, targets_m, confidence });
         }
@@ -201,7 +201,7 @@ mod tests {
         let (mut alignment, mut folds) = (Alignment::default(), Folds::flat(&sheet()));
         let targets_m = lying(&mut folds, gap_m, turn_rad);
         let seen = Seen { folds: &folds, targets_m: &targets_m, confidence: &[1.0; 625] };
-        for _ in 0..400 {
+        for _ in 0..1000 {
             alignment.learn_table(0.0, grips, &seen);
         }
         alignment.offset_m()

@@ -107,10 +107,11 @@ impl Outline {
 
     /// Takes over the contour of a frame set; edgels that are not finite are left out.
     pub fn fill(&mut self, edgels: &[Edgel], cameras: &[RgbdCamera]) {
-        if self.views.len() != cameras.len()
-            || self.views.iter().zip(cameras).any(|(view, camera)| view.camera != *camera)
-        {
+        if !self.views.iter().map(|view| &view.lens).eq(cameras.iter().map(|c| &c.color)) {
             self.views = cameras.iter().map(View::new).collect();
+        }
+        for (view, camera) in self.views.iter_mut().zip(cameras) {
+            view.stand(camera);
         }
         let finite = |e: &&Edgel| e.position_px.iter().chain(&e.normal).all(|c| c.is_finite());
         for edgel in edgels.iter().filter(finite) {

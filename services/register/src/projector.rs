@@ -46,17 +46,25 @@ impl Coordinates {
 impl Projector {
     /// For a lens; `scale` is the size of the image in pixels of the lens.
     pub fn new(lens: &CameraModel, world_from_camera: &Isometry3<f64>, scale: f64) -> Self {
-        let camera_from_world = world_from_camera.inverse();
-        let rotation = camera_from_world.rotation.to_rotation_matrix();
-        let rotation = rotation.matrix();
-        Self {
-            rotation: [0, 1, 2].map(|i| [0, 1, 2].map(|j| rotation[(i, j)] as f32)),
-            translation_m: camera_from_world.translation.vector.cast::<f32>().into(),
+        let mut projector = Self {
+            rotation: [[0.0; 3]; 3],
+            translation_m: [0.0; 3],
             focal_px: [lens.fx_px, lens.fy_px].map(|f| (f * scale) as f32),
             centre_px: [lens.cx_px, lens.cy_px].map(|c| (c * scale) as f32),
             distortion: lens.distortion.map(|k| k as f32),
             lanes: Width::available()[0],
-        }
+        };
+        projector.stand(world_from_camera);
+        projector
+    }
+
+    /// Stands the lens elsewhere.
+    pub fn stand(&mut self, world_from_camera: &Isometry3<f64>) {
+        let camera_from_world = world_from_camera.inverse();
+        let rotation = camera_from_world.rotation.to_rotation_matrix();
+        let rotation = rotation.matrix();
+        self.rotation = [0, 1, 2].map(|i| [0, 1, 2].map(|j| rotation[(i, j)] as f32));
+        self.translation_m = camera_from_world.translation.vector.cast::<f32>().into();
     }
 
     /// Column, row and 1/z of world points, metres and 1/m, which lie in whole vectors; NaN behind

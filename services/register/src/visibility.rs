@@ -10,7 +10,7 @@
 use crate::mixture::Mixture;
 use crate::projector::Coordinates;
 use crate::zbuffer::{ZBuffer, centres_m};
-use orime_geometry::{RgbdCamera, SheetGrid};
+use orime_geometry::{CameraModel, RgbdCamera, SheetGrid};
 
 /// Material distance up to which a front triangle is a component's own, share of the side.
 const OWN: f64 = 0.08;
@@ -27,7 +27,8 @@ pub(crate) struct Visibility {
     triangles: Vec<[u32; 3]>,
     centres_m: Vec<[f32; 2]>,
     own_m: f32,
-    cameras: Vec<RgbdCamera>,
+    /// Depth lenses that the buffers are for.
+    lenses: Vec<CameraModel>,
     buffers: Vec<ZBuffer>,
     projected: Coordinates,
     /// Per camera, one weight per place of a component: 1 seen, [`HIDDEN`] not, 0 left over.
@@ -42,7 +43,7 @@ impl Visibility {
             centres_m: centres_m(sheet, &triangles),
             own_m: (OWN * (sheet.size_m[0] + sheet.size_m[1]) / 2.0) as f32,
             triangles,
-            cameras: Vec::new(),
+            lenses: Vec::new(),
             buffers: Vec::new(),
             projected: Coordinates::default(),
             priors: Vec::new(),
@@ -56,10 +57,13 @@ impl Visibility {
 
     /// Renders the nodes and judges the components, which must be placed there.
     pub fn judge(&mut self, cameras: &[RgbdCamera], nodes_m: &[[f32; 3]], mixture: &Mixture) {
-        if self.cameras != cameras {
-            self.cameras = cameras.to_vec();
+        if !self.lenses.iter().eq(cameras.iter().map(|camera| &camera.depth)) {
+            self.lenses = cameras.iter().map(|camera| camera.depth.clone()).collect();
             let buffer = |c: &RgbdCamera| ZBuffer::new(&c.depth, &c.world_from_depth(), SCALE);
             self.buffers = cameras.iter().map(buffer).collect();
+        }
+        for (buffer, camera) in self.buffers.iter_mut().zip(cameras) {
+            buffer.stand(&camera.world_from_depth());
         }
         self.priors.resize(cameras.len(), Vec::new());
         for (buffer, priors) in self.buffers.iter_mut().zip(&mut self.priors) {

@@ -44,6 +44,11 @@ impl ZBuffer {
         }
     }
 
+    /// Stands the camera elsewhere.
+    pub fn stand(&mut self, world_from_camera: &Isometry3<f64>) {
+        self.projector.stand(world_from_camera);
+    }
+
     /// Draws the sheet.
     pub fn draw(&mut self, nodes_m: &[[f32; 3]], triangles: &[[u32; 3]]) {
         self.clear();

@@ -7,7 +7,7 @@ use crate::blend::Blend;
 use crate::projector::Coordinates;
 use crate::zbuffer::{EMPTY, ZBuffer};
 use nalgebra::{Isometry3, Matrix3, Point3, Vector2, Vector3};
-use orime_geometry::{Edgel, RgbdCamera};
+use orime_geometry::{CameraModel, Edgel, RgbdCamera};
 use orime_lanes::{LANES, Width};
 use std::ops::Range;
 
@@ -51,7 +51,7 @@ const KINDS: usize = 2;
 pub(super) struct View {
     color_from_world: Isometry3<f64>,
     rotation: Matrix3<f64>,
-    pub camera: RgbdCamera,
+    pub lens: CameraModel,
     /// Edgels, by their kind.
     cells: [Cells; KINDS],
     buffer: ZBuffer,
@@ -73,12 +73,11 @@ pub(super) struct View {
 
 impl View {
     pub fn new(camera: &RgbdCamera) -> Self {
-        let color_from_world = camera.world_from_color.inverse();
         let cells = Cells::new(camera.color.width, camera.color.height);
-        Self {
-            rotation: color_from_world.rotation.to_rotation_matrix().into_inner(),
-            color_from_world,
-            camera: camera.clone(),
+        let mut view = Self {
+            rotation: Matrix3::identity(),
+            color_from_world: Isometry3::identity(),
+            lens: camera.color.clone(),
             cells: [cells.clone(), cells],
             buffer: ZBuffer::new(&camera.color, &camera.world_from_color, 1.0),
             projected: Default::default(),
@@ -90,12 +89,21 @@ impl View {
             marks: Vec::new(),
             moved_px: f32::INFINITY,
             lanes: Width::available()[0],
-        }
+        };
+        view.stand(camera);
+        view
+    }
+
+    /// Stands it where a camera of the same lens does.
+    pub fn stand(&mut self, camera: &RgbdCamera) {
+        self.color_from_world = camera.world_from_color.inverse();
+        self.rotation = self.color_from_world.rotation.to_rotation_matrix().into_inner();
+        self.buffer.stand(&camera.world_from_color);
     }
 
     /// Adds an edgel to those that [`Self::sort`] takes over; one out of the image is left out.
     pub fn insert(&mut self, edgel: &Edgel) {
-        let size = [self.camera.color.width, self.camera.color.height].map(|px| px as f32);
+        let size = [self.lens.width, self.lens.height].map(|px| px as f32);
         let is_inside = (0..2).all(|axis| (0.0..size[axis]).contains(&edgel.position_px[axis]));
         if let Some(cells) = self.cells.get_mut(edgel.kind as usize).filter(|_| is_inside) {
             cells.insert(edgel);
@@ -229,7 +237,7 @@ impl View {
     /// ∂(normal·pixel)/∂position of a position that is seen, world frame, px/m.
     pub fn gradient(&self, position_m: [f32; 3], normal: [f32; 2]) -> Vector3<f64> {
         let here = self.color_from_world * Point3::from(position_m).cast::<f64>();
-        let lens = &self.camera.color;
+        let lens = &self.lens;
         let (fx, fy) = (lens.fx_px * f64::from(normal[0]), lens.fy_px * f64::from(normal[1]));
         let in_camera = Vector3::new(fx, fy, -(fx * here.x + fy * here.y) / here.z) / here.z;
         self.rotation.tr_mul(&in_camera)

@@ -11,10 +11,10 @@
 //! with x as it would be seen without correction. For a point n is its normal and y where the
 //! mixture has it; for a piece of contour n is the direction in which the contour is seen to move
 //! the fastest. Frames fade slowly: poses that show a motion are remembered through those that do
-//! not. About the eye, for there calibrations err by independent shifts and turns: one that is seen
-//! to be off by more than its shift has turned, and is off elsewhere by as much as that turn says.
-//! All is without a mean over the cameras: that the whole rig moved cannot be told from a sheet that
-//! did (`services/simulate/src/alignment.rs` can, by grippers and table).
+//! not. About the eye, for there calibrations err by independent shifts and turns: one that is
+//! seen to be off by more than its shift has turned, and is off elsewhere by as much as that turn
+//! says. All is without a mean over the cameras: that the whole rig moved cannot be told from a
+//! sheet that did (`services/simulate/src/alignment.rs` can, by grippers and table).
 
 use nalgebra::{
     Isometry3, Matrix6, Point3, Rotation3, Translation3, UnitQuaternion, Vector3, Vector6,

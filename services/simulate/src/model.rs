@@ -187,8 +187,8 @@ impl SheetModel {
         &mut self.simulator
     }
 
-    /// Node positions, world frame (the robot's, where grippers or table tell of it), metres, index order
-    /// of the sheet.
+    /// Node positions, world frame (the robot's, where grippers or table tell of it), metres, index
+    /// order of the sheet.
     pub fn positions_m(&self) -> &[[f32; 3]] {
         &self.positions_m
     }

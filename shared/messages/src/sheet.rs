@@ -72,7 +72,7 @@ message! {
         /// Targets that were not finite and were left out.
         pub targets_rejected: u32,
         /// How far what the cameras see was moved because grippers hold the sheet elsewhere, or the
-        /// table lies elsewhere, metres (`align_cameras`, `simulate.grippers` and `simulate.table`).
+        /// table lies elsewhere, metres (`align_cameras` of `simulate.grippers` and `.table`).
         pub camera_offset_m: f32,
         /// Extent along u and v, metres.
         pub size_m: [f64; 2],

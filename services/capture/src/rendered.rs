@@ -10,6 +10,7 @@
 //!
 //! Not modelled: cast shadows, the sheet's bend at a crease, lens distortion, refraction in glass.
 
+mod bar;
 mod camera;
 mod color;
 mod coverage;
@@ -40,6 +41,7 @@ pub use views::{Model, ViewParams, Viewpoints};
 
 use crate::playback::{After, Playback};
 use crate::{FrameError, FrameReport, FrameSource, OpenError, PlannedFold};
+use bar::Bar;
 use camera::VirtualCamera;
 use faults::Faults;
 use ink::Ink;
@@ -63,6 +65,8 @@ pub(crate) struct RenderedSource {
     cameras: Vec<RgbdCamera>,
     /// As they truly are.
     views: Vec<VirtualCamera>,
+    /// What hides the sheet from each camera; none without `occlusion`.
+    bars: Vec<Bar>,
 }
 
 /// The nearest that any point of the sheet may come to a lens, metres.
@@ -96,11 +100,15 @@ impl RenderedSource {
         };
         let wood = Texture::wood(p.seed);
         let mut views = Vec::with_capacity(cameras.len());
+        let mut bars = Vec::new();
         for (index, published) in cameras.iter().enumerate() {
             check_distance(published, &sequence)?;
             let seed = hash(p.seed ^ 0xca11, index as u64);
             let truth = camera::displaced(published, &faults, seed);
             views.push(VirtualCamera::new(p, &faults, (index, &truth), &wood));
+            if faults.occlusion > 0.0 {
+                bars.push(Bar::new(faults.occlusion, sheet.size_m[0], index, &truth));
+            }
         }
         let frames = p
             .steps
@@ -118,6 +126,7 @@ impl RenderedSource {
             faults,
             cameras,
             views,
+            bars,
         })
     }
 
@@ -159,7 +168,7 @@ impl FrameSource for RenderedSource {
         &mut self,
         step: u64,
         camera: usize,
-        frame: RgbdFrameMut<'_>,
+        mut frame: RgbdFrameMut<'_>,
     ) -> Result<FrameReport, FrameError> {
         if !frame.as_frame().fits(&self.cameras[camera]) {
             return Err(FrameError::Unreadable(format!(
@@ -176,6 +185,9 @@ impl FrameSource for RenderedSource {
         view.color.draw(&self.scene, surface, hash(random, 1), frame.color_rgb);
         let grain = self.noise.at(random);
         view.depth.draw(&self.scene, &grain, hash(random, 2), frame.depth_units);
+        if let Some(bar) = self.bars.get(camera) {
+            bar.hide(step as f64 * self.period_ns as f64 * 1e-9, &mut frame);
+        }
         Ok(FrameReport { copies: 0 })
     }
 

@@ -91,7 +91,7 @@ pub fn over_time(
         (ORANGE, "Pareto front, by time:"),
         (BLACK, "the set's own settings"),
         (BLUE, "one knob, or a few, changed"),
-        (GREY, "other data: another frame rate"),
+        (GREY, "other data: frame rate, occlusion"),
     ];
     for (k, (color, words)) in legend.iter().rev().enumerate() {
         let at = [right + 24.0, bottom - 16.0 * k as f64];

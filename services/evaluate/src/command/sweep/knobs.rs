@@ -33,8 +33,8 @@ pub struct Knob {
     pub points: Vec<Point>,
 }
 
-/// The knob whose settings see other data than the set's: another rate gives other frames.
-pub const APART: [&str; 1] = ["frame rate [Hz]"];
+/// The knobs whose settings see other data than the set's: another rate gives other frames.
+pub const APART: [&str; 2] = ["frame rate [Hz]", "occlusion"];
 
 /// What the knobs are turned around.
 struct Own {
@@ -62,7 +62,7 @@ pub fn all(set: &SetFile) -> anyhow::Result<Vec<Knob>> {
     let mut knobs = vec![grid(&own)];
     knobs.extend(numbers(&own));
     knobs.extend([links(&own), contact(&own), plasticity(&own)]);
-    knobs.extend([cameras(&own)?, resolution(&own), rate(&own), together()]);
+    knobs.extend([cameras(&own)?, resolution(&own), rate(&own), occlusion(&own), together()]);
     Ok(knobs)
 }
 
@@ -227,6 +227,16 @@ fn rate(own: &Own) -> Knob {
         knob.points.push(Point { value, keys, steps_ratio: ratio });
     }
     knob.order()
+}
+
+/// How much of the sheet a bar hides from every camera.
+fn occlusion(own: &Own) -> Knob {
+    let has = own.capture.rendered.fault.occlusion.unwrap_or(0.0);
+    let point = |share: f64| {
+        let key = "capture.rendered.fault.occlusion".to_owned();
+        (share.to_string(), vec![(key, Value::Float(share))])
+    };
+    Knob::new(APART[1], has.to_string(), [0.0, 0.25, 0.5, 0.75].map(point).into())
 }
 
 /// Cheap ones and dear ones together: what a front is made of.

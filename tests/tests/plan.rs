@@ -32,7 +32,8 @@ fn a_plan_reaches_the_simulator_of_both_alike_and_predictions_leave_lockstep_alo
     let scene = |rendered: &str, simulate: &str| {
         format!(
             "[capture]\nsource = \"rendered\"\nfps = 0\n[capture.rendered]\nsteps = 40\n\
-             fold_angle_deg = 67\nfold_point = [0.42, 0.56]\n{rendered}\n[simulate.predict]\n{simulate}\n"
+             fold_angle_deg = 67\nfold_point = [0.42, 0.56]\n{rendered}\n\
+             [simulate.predict]\n{simulate}\n"
         )
     };
     let without = states_hash("plan-without", &scene("", ""));

@@ -88,8 +88,8 @@ faults! {
     /// Extent of the holes beside nearer objects: 1 is what the second imager does not see on
     /// their left plus 1.3 px of the matching window on both sides.
     shadow: [0.0, 0.0, 1.0], 0.0, 3.0;
-    /// Share of the sheet's width that a bar half way to it hides from each camera. The bars sweep to
-    /// and fro, each at its own time.
+    /// Share of the sheet's width that a bar half way to it hides from each camera. The bars sweep
+    /// to and fro, each at its own time.
     occlusion: [0.0, 0.0, 0.0], 0.0, 0.9;
     /// Size of the blind spot where paper mirrors the lamp: 1 − cos⁴⁰ of its half angle.
     saturation: [0.0, 0.0, 0.03], 0.0, 0.9;

@@ -19,7 +19,7 @@
 use nalgebra::{
     Isometry3, Matrix6, Point3, Rotation3, Translation3, UnitQuaternion, Vector3, Vector6,
 };
-use orime_geometry::{ObservedPoint, RgbdCamera};
+use orime_geometry::{ObservedPoint, RgbdCamera, fit};
 
 /// What is left after a frame of what was known before it.
 const KEPT: f64 = 1.0 - 1.0 / 300.0;
@@ -90,7 +90,7 @@ impl Rig {
 
     /// Farthest that a correction moves a point in the middle of `points`, metres.
     pub fn shift_m(&self, points: &[ObservedPoint]) -> f32 {
-        let c = middle(points.iter());
+        let c = middle(points);
         let shifts = self.corrections.iter().map(|by| (by * c - c).norm());
         shifts.fold(0.0, f64::max) as f32
     }
@@ -130,11 +130,8 @@ impl Rig {
     }
 }
 
-fn middle<'a>(points: impl Iterator<Item = &'a ObservedPoint>) -> Point3<f64> {
-    let (sum, count) = points.fold((Vector3::zeros(), 0.0), |(sum, count), point| {
-        (sum + Vector3::from(point.position_m.map(f64::from)), count + 1.0)
-    });
-    Point3::from(sum / f64::max(count, 1.0))
+fn middle(points: &[ObservedPoint]) -> Point3<f64> {
+    fit::centroid(points.iter().map(|point| Point3::from(point.position_m).cast()))
 }
 
 /// What is known of one camera: Σ w row rowᵀ and Σ w row way over the frames, a frame counting 1.
@@ -275,7 +272,7 @@ mod tests {
         }
         let after_mm = disagreement_mm(&points);
         assert!(before_mm > 1.0 && after_mm < 0.2 * before_mm, "{before_mm} mm, {after_mm} mm");
-        let c = middle(points.iter());
+        let c = middle(&points);
         let moves = rig.corrections.iter().map(|by| motion(&c, by));
         let mean = moves.sum::<Vector6<f64>>() / 3.0;
         assert!(mean.norm() < 1e-4, "the rig has moved: {mean}");

@@ -40,6 +40,8 @@ pub(crate) struct Alignment {
     /// Along x, y and z.
     words: [f64; 3],
     seen: Vec<u32>,
+    /// Height and number of seen nodes of each facet that may lie on the table.
+    lying: Vec<(f64, f64)>,
 }
 
 /// What the cameras see at one instant.
@@ -93,7 +95,7 @@ impl Alignment {
             let on = |grip: &&Grip| grip.is_on(folds.sheet());
             grips.iter().filter(on).any(|grip| folds.facet_at(grip.uv_m) == facet)
         };
-        let mut lying: Vec<(f64, f64)> = Vec::new();
+        self.lying.clear();
         for facet in (0..folds.facets().len()).filter(|facet| !held(*facet)) {
             let Some(frame) = self.frame(facet, seen) else { continue };
             let seen_m = frame.center_m.z;
@@ -101,13 +103,13 @@ impl Alignment {
                 && frame.normal.z.abs() > LEVEL_COSINE
                 && (height_m - seen_m - self.offset_m.z).abs() < HEIGHT_MAX_M;
             if is_sound {
-                lying.push((seen_m, self.seen.len() as f64));
+                self.lying.push((seen_m, self.seen.len() as f64));
             }
         }
-        let lowest_m = lying.iter().map(|(seen_m, _)| *seen_m).fold(f64::INFINITY, f64::min);
-        lying.retain(|(seen_m, _)| *seen_m < lowest_m + UNDERMOST_M);
-        let nodes: f64 = lying.iter().map(|(_, nodes)| nodes).sum();
-        let sum_m: f64 = lying.iter().map(|(seen_m, nodes)| seen_m * nodes).sum();
+        let lowest_m = self.lying.iter().map(|(seen_m, _)| *seen_m).fold(f64::INFINITY, f64::min);
+        self.lying.retain(|(seen_m, _)| *seen_m < lowest_m + UNDERMOST_M);
+        let nodes: f64 = self.lying.iter().map(|(_, nodes)| nodes).sum();
+        let sum_m: f64 = self.lying.iter().map(|(seen_m, nodes)| seen_m * nodes).sum();
         if nodes > 0.0 {
             self.hear(2, height_m - sum_m / nodes);
         }

@@ -24,8 +24,7 @@ pub(crate) fn flat_pose(
     let points: Vec<Point3<f64>> =
         cloud.iter().step_by(step).map(|p| Point3::from(p.position_m).cast()).collect();
     let (plane, inliers) = find_plane(&points, (0.02 * side_m).max(0.003))?;
-    let view = mean_normal(cloud);
-    let normal = if view.dot(&plane.normal) < 0.0 { -plane.normal } else { plane.normal };
+    let normal = if is_front(&plane.normal, cloud) { plane.normal } else { -plane.normal };
     let first = if normal.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
     let across = (first - normal * normal.dot(&first)).normalize();
     let along = normal.cross(&across);
@@ -76,9 +75,17 @@ fn nearest_turn(
     best.map_or(pose, |(_, turned)| turned)
 }
 
-/// Mean of the observed normals: which side of the sheet is looked at.
-fn mean_normal(cloud: &[ObservedPoint]) -> Vector3<f64> {
-    cloud.iter().map(|p| Vector3::from(p.normal).cast::<f64>()).sum()
+/// Whether a normal of the sheet is its front's: most cameras see that side; where as many see the
+/// other, it is the upper one. How many points each camera sees is no matter, for what hides the
+/// sheet from one of them must not turn it over.
+fn is_front(normal: &Vector3<f64>, cloud: &[ObservedPoint]) -> bool {
+    let cameras = cloud.iter().map(|p| p.camera + 1).max().unwrap_or(0);
+    let votes = (0..cameras).map(|camera| {
+        let seen = cloud.iter().filter(|p| p.camera == camera);
+        let sum: f64 = seen.map(|p| Vector3::from(p.normal).cast::<f64>().dot(normal)).sum();
+        if sum == 0.0 { 0.0 } else { sum.signum() }
+    });
+    votes.sum::<f64>() + 0.5 * normal.z.signum() > 0.0
 }
 
 /// The plane with most points within `tolerance_m`, refined on them; needs 40 % of the points.
@@ -302,6 +309,26 @@ mod tests {
         check([0.21, 0.297], 0.6, |u, v| u > 0.7 && v > 0.75); // A hand over a corner.
         check([0.21, 0.297], 2.1, |u, v| v > 0.94 && (0.2..0.8).contains(&u)); // A clip.
         check([0.15, 0.15], 1.1, |u, v| u < 0.2 && (0.3..0.7).contains(&v));
+    }
+
+    #[test]
+    fn what_hides_the_sheet_from_one_camera_does_not_turn_it_over() {
+        let sheet = SheetGrid::new([0.15, 0.15], [9, 9]);
+        let pose = Isometry3::translation(0.0, 0.0, 0.02);
+        // From above a quarter is seen, from below all of it.
+        let mut cloud = observe(&sheet, &pose, |u, v| u > 0.5 || v > 0.5);
+        let below = observe(&sheet, &pose, |_, _| false).into_iter();
+        cloud.extend(below.map(|p| ObservedPoint { normal: [0.0, 0.0, -1.0], camera: 1, ..p }));
+        let up_m = |cloud: &[ObservedPoint]| {
+            let nodes = flat_pose(cloud, &sheet, None).unwrap();
+            let at = |i: usize, j: usize| Point3::from(nodes[sheet.index(i, j)]);
+            (at(8, 0) - at(0, 0)).cross(&(at(0, 8) - at(0, 0))).z
+        };
+        assert!(up_m(&cloud) > 0.02);
+        // Two that see it from below are more than one from above.
+        let again: Vec<_> = cloud.iter().filter(|p| p.camera == 1).copied().collect();
+        cloud.extend(again.into_iter().map(|p| ObservedPoint { camera: 2, ..p }));
+        assert!(up_m(&cloud) < -0.02);
     }
 
     #[test]

@@ -134,16 +134,16 @@ impl Outline {
         self.positions_m.extend(self.samples.iter().map(|s| s.here.position_m(nodes_m)));
     }
 
-    /// Share of the seen silhouettes that lie within [`ON_BORDER_PX`] of the projected border or
-    /// a crease; `None` where there are none.
-    pub fn explained(&mut self, nodes_m: &[[f32; 3]]) -> Option<f64> {
+    /// How many of the seen silhouettes lie within [`ON_BORDER_PX`] of the projected border or
+    /// a crease, and how many there are.
+    pub fn explained(&mut self, nodes_m: &[[f32; 3]]) -> [usize; 2] {
         self.probes.place(&self.samples, nodes_m);
         let mut sums = [0, 0];
         for view in &mut self.views {
             let [near, all] = view.explained(&self.probes, ON_BORDER_PX);
             sums = [sums[0] + near, sums[1] + all];
         }
-        (sums[1] > 0).then(|| sums[0] as f64 / sums[1] as f64)
+        sums
     }
 
     /// Matches the samples, where the nodes are now, to the contour: fills `rows`.
@@ -246,9 +246,11 @@ mod tests {
             // The gradient also has a part along the viewing ray; it is small here.
             assert!(z.abs() < 5e-4);
         }
-        assert_eq!(outline.explained(&nodes), Some(1.0));
+        let [near, all] = outline.explained(&nodes);
+        assert!(near == all && all > 0);
         outline.fill(&rectangle([20.0, 0.0]), &[camera()]);
-        let share = outline.explained(&nodes).unwrap();
+        let [near, all] = outline.explained(&nodes);
+        let share = near as f64 / all as f64;
         assert!((0.4..0.7).contains(&share), "two of four sides still match: {share}");
     }
 

@@ -13,6 +13,8 @@ pub(crate) struct Score {
     pub supported: f64,
     /// Share of the seen contour that lies on the sheet's border; 0 where none is seen.
     pub outlined: f64,
+    /// Elements of the contour that were seen.
+    pub edgels: usize,
 }
 
 /// "On" the sheet is within this share of its side.
@@ -28,8 +30,9 @@ impl Score {
         side_m: f32,
     ) -> Self {
         let (explained, supported) = mixture.coverage(cloud, ON_SHEET * side_m);
-        let outlined = outline.explained(nodes_m).unwrap_or(0.0);
-        Self { explained, supported, outlined }
+        let [on_border, edgels] = outline.explained(nodes_m);
+        let outlined = on_border as f64 / edgels.max(1) as f64;
+        Self { explained, supported, outlined, edgels }
     }
 
     /// Larger is better. A sheet can be half hidden, but what is seen must be explained.

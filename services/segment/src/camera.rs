@@ -1,22 +1,25 @@
 //! One camera's segmentation: the pixels' story, from a frame to points and edgels.
 
+mod first_sight;
+
 use orime_geometry::{Edgel, Feature, ObservedPoint, RgbdCamera, RgbdFrame, SheetGrid};
 use orime_lanes::Width;
 
-use crate::color_model::ColorTable;
+use crate::color_model::{self, ColorTable};
 use crate::components::Components;
 use crate::contour::Contour;
 use crate::depth::DepthMap;
 use crate::features::FeatureFinder;
 use crate::images::{ColorImages, DepthImages};
 use crate::inner_edge;
-use crate::learn::{Learner, Proposal};
+use crate::learn::Learner;
 use crate::mask::{Accepted, MaskBuilder};
 use crate::occluders::Occluders;
 use crate::parallax::Parallax;
 use crate::params::{Markers, SegmentParams};
-use crate::select::{Evidence, Selector, SheetSize};
+use crate::select::{Chosen, Evidence, IN_FRONT_M, Selector, SheetSize};
 use crate::steps::Steps;
+use crate::told::{Known, Told};
 use crate::voxels::Voxels;
 use crate::window::{Sighting, View, Watch, Window};
 
@@ -25,10 +28,6 @@ const REGION_PX: usize = 16;
 
 /// Smallest part of the sheet that something in front cuts off, as a share of its area.
 const PIECE_SHARE_MIN: f64 = 0.003;
-
-/// In this many frames all colours that may be the sheet's are tried; then one a frame, in turn,
-/// so that waiting for the sheet is not dearer than tracking it.
-const EAGER_ATTEMPTS: u32 = 3;
 
 /// What became of one camera's frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -49,6 +48,8 @@ pub(crate) struct CameraSegmenter {
     params: SegmentParams,
     size: SheetSize,
     table: Option<ColorTable>,
+    /// The sheet's own colour. `None` too where only that of its surroundings is known.
+    known_color: Option<color_model::Feature>,
     learner: Learner,
     /// Frames since the sheet was seen.
     missed: u32,
@@ -60,8 +61,8 @@ pub(crate) struct CameraSegmenter {
     lanes: Width,
     /// What is looked at.
     view: View,
-    /// Visible area of what was found in it.
-    area_m2: Option<f32>,
+    /// What was found in it.
+    chosen: Option<Chosen>,
     /// What [`DepthImages::sheet`] is a part of.
     sheet_at: Window,
     map: DepthMap,
@@ -114,6 +115,7 @@ impl CameraSegmenter {
                 diagonal_m: a_m.hypot(b_m) as f32,
             },
             table: None,
+            known_color: None,
             learner: Learner::new(width, height, params.seed),
             missed: 0,
             attempts: 0,
@@ -121,7 +123,7 @@ impl CameraSegmenter {
             watch: Watch::new(index, whole, camera.depth_is_registered(), params),
             lanes: Width::available()[0],
             view: whole,
-            area_m2: None,
+            chosen: None,
             sheet_at: whole.depth,
             steps: Steps::new(&map, params),
             selector: Selector::new(map.width, map.height),
@@ -167,8 +169,14 @@ impl CameraSegmenter {
         inside && self.color.mask.get(x - left, y - top)
     }
 
-    /// Segments one frame; the results stay until the next.
-    pub fn segment(&mut self, frame: Option<RgbdFrame<'_>>) -> Outcome {
+    /// What it knows of the sheet after a frame that showed it.
+    pub fn known(&self) -> Option<Known> {
+        Some(Known { color: self.known_color?, seen: self.chosen? })
+    }
+
+    /// Segments one frame; the results stay until the next. `told` is what other cameras know
+    /// from the frame before.
+    pub fn segment(&mut self, frame: Option<RgbdFrame<'_>>, told: &Told) -> Outcome {
         self.voxels.clear();
         self.points.clear();
         self.edgels.clear();
@@ -177,6 +185,10 @@ impl CameraSegmenter {
             finder.look_near(&self.color.mask);
         }
         self.color.mask.clear();
+        self.chosen = None;
+        if self.known_color.is_none() && told.known.is_some() {
+            self.table = None;
+        }
         let Some(frame) = frame.filter(|frame| frame.fits(&self.camera)) else {
             return Outcome::NoFrame;
         };
@@ -184,15 +196,17 @@ impl CameraSegmenter {
             Some(table) => {
                 let found = self.track(&frame, &table).is_some();
                 self.table = Some(table);
-                found || (self.missed >= self.params.relearn_after_frames && self.learn(&frame))
+                found
+                    || (self.missed >= self.params.relearn_after_frames && self.learn(&frame, told))
             }
             None => {
                 self.enter(&frame, self.watch.whole());
-                self.learn(&frame)
+                self.learn(&frame, told)
             }
         };
         if !found {
             self.missed = self.missed.saturating_add(1);
+            self.chosen = None;
             self.color.mask.clear();
             self.depth.sheet.clear();
             self.watch.saw(None);
@@ -246,46 +260,9 @@ impl CameraSegmenter {
         }
     }
 
-    /// Finds a colour with which this frame shows the sheet, and the sheet with it.
-    fn learn(&mut self, frame: &RgbdFrame<'_>) -> bool {
-        let (hint, back) = (self.params.color_hint_rgb, self.params.back_color_hint_rgb);
-        let hints: Vec<[u8; 3]> = hint.into_iter().chain(back).collect();
-        let least = if hint.is_some() { 1.0 } else { self.learn_factor };
-        let proposals = self.learner.propose(frame.color_rgb, &hints);
-        let turn =
-            self.attempts.checked_sub(EAGER_ATTEMPTS).map(|n| n as usize % proposals.len().max(1));
-        self.attempts = self.attempts.saturating_add(1);
-        for (k, proposal) in proposals.into_iter().enumerate() {
-            if turn.is_some_and(|turn| turn != k) {
-                continue;
-            }
-            let found = self.find_sheet(frame.color_rgb, &proposal.table);
-            let large = found.is_some_and(|area_m2| area_m2 >= least * self.size.area_m2_min);
-            if large && (hint.is_some() || !self.color.mask.touches_border()) {
-                return self.settle(frame, proposal);
-            }
-        }
-        false
-    }
-
-    /// Takes over a proposal that found the sheet, told apart from what lies next to the sheet.
-    fn settle(&mut self, frame: &RgbdFrame<'_>, proposal: Proposal) -> bool {
-        if !proposal.seeds.is_empty() {
-            let mask = &self.color.mask;
-            let table = self.learner.refine(frame.color_rgb, &proposal.seeds, mask);
-            if self.find_sheet(frame.color_rgb, &table).is_some() {
-                self.table = Some(table);
-                return true;
-            }
-        }
-        let found = self.find_sheet(frame.color_rgb, &proposal.table).is_some();
-        self.table = Some(proposal.table);
-        found
-    }
-
-    /// From colours to the accepted patches of depth and the colour mask; the visible area, m².
-    fn find_sheet(&mut self, color_rgb: &[u8], table: &ColorTable) -> Option<f32> {
-        self.area_m2 = None;
+    /// From colours to the accepted patches of depth and the colour mask.
+    fn find_sheet(&mut self, color_rgb: &[u8], table: &ColorTable) -> Option<Chosen> {
+        self.chosen = None;
         let (color, depth, params) = (&mut self.color, &mut self.depth, &self.params);
         let width = self.camera.color.width as usize;
         table.classify(self.lanes, color_rgb, width, &self.view.color, &mut color.candidate);
@@ -315,7 +292,7 @@ impl CameraSegmenter {
             before: &depth.before,
         };
         let (accepted, refused) = (&mut depth.accepted, &mut depth.refused);
-        let area_m2 = self.selector.select(&evidence, &self.size, accepted, refused)?;
+        let chosen = self.selector.select(&evidence, &self.size, accepted, refused)?;
         let surface = Accepted {
             map: &self.map,
             colors: &self.components,
@@ -325,8 +302,8 @@ impl CameraSegmenter {
         };
         let hole_ratio_max = self.params.hole_ratio_max;
         self.builder.build(&surface, hole_ratio_max, &mut color.mask, &mut color.around);
-        self.area_m2 = Some(area_m2);
-        self.area_m2
+        self.chosen = Some(chosen);
+        self.chosen
     }
 
     /// Where [`Self::find_sheet`] found the sheet, if it did.
@@ -334,7 +311,7 @@ impl CameraSegmenter {
         let whole =
             |inner: Window, at: Window| Window { x: at.x + inner.x, y: at.y + inner.y, ..inner };
         Some(Sighting {
-            area_m2: self.area_m2?,
+            area_m2: self.chosen?.area_m2,
             mask: whole(self.color.mask.bounds()?, self.view.color),
             surface: whole(self.depth.accepted.bounds()?, self.view.depth),
         })
@@ -344,6 +321,9 @@ impl CameraSegmenter {
     fn take_points(&mut self) {
         let (color, depth, params) = (&mut self.color, &mut self.depth, &self.params);
         self.occluders.find(&self.steps, &depth.accepted);
+        if let (Some(chosen), Some(_)) = (&self.chosen, &self.parallax) {
+            self.occluders.add_nearer(&self.map, chosen.nearest_m - IN_FRONT_M);
+        }
         color.eroded.copy_from(&color.mask);
         color.eroded.erode(params.mask_margin_px, &mut color.scratch);
         depth.sheet.reshape(self.view.depth.width, self.view.depth.height);
@@ -448,10 +428,10 @@ mod tests {
             let mut segmenter = CameraSegmenter::new(0, &camera, &SegmentParams::default(), &sheet);
             (segmenter.lanes, segmenter.map.lanes) = (lanes, lanes);
             (segmenter.steps.lanes, segmenter.voxels.lanes) = (lanes, lanes);
-            let mut seen = Vec::new();
+            let (mut seen, told) = (Vec::new(), Told { alone: true, known: None });
             for (color_rgb, depth_units) in [0, 4, 9].map(frame) {
                 let (color_rgb, depth_units) = (&color_rgb[..], &depth_units[..]);
-                segmenter.segment(Some(RgbdFrame { color_rgb, depth_units }));
+                segmenter.segment(Some(RgbdFrame { color_rgb, depth_units }), &told);
                 seen.push((segmenter.points.clone(), segmenter.edgels.clone()));
             }
             seen

@@ -41,7 +41,7 @@ pub(crate) fn distance_squared(a: &Feature, b: &Feature) -> f32 {
 }
 
 /// Brightness `V'` of a feature.
-fn brightness(color: &Feature) -> f32 {
+pub(crate) fn brightness(color: &Feature) -> f32 {
     (color[2] / 0.35).exp()
 }
 

@@ -33,8 +33,9 @@ pub(crate) struct DepthMap {
     pub focal_px: [f32; 2],
     /// Pixels with a depth that may be the sheet's.
     pub valid: BitImage,
-    /// Depth of the whole image along the optical axis, metres, NaN where it cannot be the
-    /// sheet's; padded on all sides. Loaded in the window and [`PAD`] pixels around it.
+    /// Depth of the whole image along the optical axis, metres, NaN where there is none or it is
+    /// too far; padded on all sides. What is too near or beside the workspace can hide the sheet.
+    /// Loaded in the window and [`PAD`] pixels around it.
     z_m: Vec<f32>,
     stride: usize,
     unit_m: f32,
@@ -191,14 +192,14 @@ impl DepthMap {
     pub fn load(&mut self, depth_units: &[u16]) {
         let lanes = self.lanes;
         lanes.run(TakeDepths { map: self, depth_units });
-        self.apply_workspace();
         lanes.run(MarkValid { map: self });
+        self.apply_workspace();
         lanes.run(Project { map: self });
     }
 
     #[inline(always)]
     fn take_depths(&mut self, depth_units: &[u16]) {
-        let ([low, high], unit_m) = (self.range_m, self.unit_m);
+        let ([_, high], unit_m) = (self.range_m, self.unit_m);
         let [columns, rows] = self.loaded();
         for y in rows {
             let raw = &depth_units[y * self.image[0]..][columns.clone()];
@@ -206,7 +207,7 @@ impl DepthMap {
             let z_m = &mut self.z_m[start..][columns.clone()];
             for (z, raw) in z_m.iter_mut().zip(raw) {
                 let depth_m = f32::from(*raw) * unit_m;
-                let good = (*raw != 0) & (low <= depth_m) & (depth_m <= high);
+                let good = (*raw != 0) & (depth_m <= high);
                 *z = if good { depth_m } else { f32::NAN };
             }
         }
@@ -214,13 +215,14 @@ impl DepthMap {
 
     #[inline(always)]
     fn mark_valid(&mut self) {
+        let [low, _] = self.range_m;
         for y in 0..self.height {
             let start = self.index(0, y as i32);
             let z_m = &self.z_m[start..start + self.width];
             for (word, z) in self.valid.row_mut(y).iter_mut().zip(z_m.chunks(64)) {
                 let mut bytes = [0; 64];
                 for (byte, z) in bytes.iter_mut().zip(z) {
-                    *byte = u8::from(*z > 0.0);
+                    *byte = u8::from(*z >= low);
                 }
                 *word = pack(&bytes);
             }
@@ -352,13 +354,11 @@ impl DepthMap {
 
     fn apply_workspace(&mut self) {
         let Some([low, high]) = self.workspace_m else { return };
-        let [columns, rows] = self.loaded();
-        for y in rows {
-            for x in columns.clone() {
-                let z_m = &mut self.z_m[(y + PAD) * self.stride + PAD + x];
-                let point = self.world.point(y * self.image[0] + x, *z_m);
+        for y in 0..self.height {
+            for x in 0..self.width {
+                let point = self.world_m(x, y);
                 if !(0..3).all(|axis| low[axis] <= point[axis] && point[axis] <= high[axis]) {
-                    *z_m = f32::NAN;
+                    self.valid.unset(x, y);
                 }
             }
         }

@@ -67,6 +67,9 @@ pub(crate) struct Learner {
     scratch: BitImage,
     components: Components,
     samples: Vec<Feature>,
+    /// Colours of the border, and their clusters.
+    border: Vec<Feature>,
+    around: Vec<Feature>,
 }
 
 impl Learner {
@@ -80,48 +83,72 @@ impl Learner {
             scratch: BitImage::new(width, height),
             components: Components::new(width, height),
             samples: Vec::with_capacity(width * height),
+            border: Vec::new(),
+            around: Vec::new(),
         }
     }
 
-    /// Colours worth trying on this picture, best first. `hints` are the known colours of the
-    /// sheet's front and back, if any.
-    pub fn propose(&mut self, color_rgb: &[u8], hints: &[[u8; 3]]) -> Vec<Proposal> {
-        let hints: Vec<Feature> = hints.iter().map(|c| feature(c.map(f32::from))).collect();
+    /// Looks at a picture, of which colours are then proposed.
+    pub fn look(&mut self, color_rgb: &[u8]) {
         self.find_flat(color_rgb);
         self.components.find(&self.flat, true);
-        let mut fronts: Vec<Feature> = self
-            .regions(hints.is_empty())
-            .into_iter()
-            .map(|region| self.median_feature(color_rgb, region))
-            .collect();
-        if let Some(front) = hints.first() {
-            // The light decides how the known colour looks: what is flat and near to it is it.
-            let gap = |f: &Feature| distance_squared(f, front);
-            fronts.retain(|f| gap(f) < HINT_REACH * HINT_REACH);
-            fronts.sort_by(|a, b| gap(a).total_cmp(&gap(b)));
-            fronts.push(*front);
-        }
-        let around = self.border_clusters(color_rgb);
-        let propose = |front: &Feature| {
-            let seeds: Vec<Feature> = [front].into_iter().chain(hints.get(1)).copied().collect();
-            Proposal { table: two_class(&seeds, &around), seeds }
-        };
-        let mut proposals: Vec<Proposal> = fronts.iter().map(propose).collect();
-        if hints.is_empty() {
-            proposals.extend(self.unlike_border(&around));
-        }
-        proposals
+        self.around = self.border_clusters(color_rgb);
     }
 
-    /// Everything unlike a plain border; the border's samples must be the last taken.
-    fn unlike_border(&self, around: &[Feature]) -> Option<Proposal> {
+    /// Colours near to that of the sheet's front, best first, and its own; with that of its back,
+    /// if it is another.
+    pub fn near(
+        &mut self,
+        color_rgb: &[u8],
+        front: Feature,
+        back: Option<Feature>,
+    ) -> Vec<Proposal> {
+        // The light decides how the known colour looks: what is flat and near to it is it.
+        let gap = |f: &Feature| distance_squared(f, &front);
+        let mut fronts = self.flat_colors(color_rgb, false);
+        fronts.retain(|f| gap(f) < HINT_REACH * HINT_REACH);
+        fronts.sort_by(|a, b| gap(a).total_cmp(&gap(b)));
+        fronts.push(front);
+        let seeds = fronts.into_iter().map(|front| [front].into_iter().chain(back).collect());
+        seeds.map(|seeds| self.proposal(seeds)).collect()
+    }
+
+    /// Colours of regions without texture clear of the border, best first.
+    pub fn plain(&mut self, color_rgb: &[u8]) -> Vec<Proposal> {
+        let fronts = self.flat_colors(color_rgb, true);
+        fronts.into_iter().map(|front| self.proposal(vec![front])).collect()
+    }
+
+    /// Everything unlike the border, where that is plain.
+    pub fn unlike_border(&self) -> Option<Proposal> {
         let like = |a: &&Feature| {
-            self.samples.iter().filter(|b| distance_squared(a, b) < PLAIN * PLAIN).count()
+            self.border.iter().filter(|b| distance_squared(a, b) < PLAIN * PLAIN).count()
         };
-        let plain = around.iter().max_by_key(like)?;
-        let is_plain = like(&plain) * 10 > self.samples.len() * 9;
+        let plain = self.around.iter().max_by_key(like)?;
+        let is_plain = like(&plain) * 10 > self.border.len() * 9;
         let table = || ColorTable::unlike(&[*plain], PLAIN);
         is_plain.then(|| Proposal { table: table(), seeds: Vec::new() })
+    }
+
+    fn proposal(&self, seeds: Vec<Feature>) -> Proposal {
+        Proposal { table: two_class(&seeds, &self.around), seeds }
+    }
+
+    /// The colour of each region without texture.
+    fn flat_colors(&mut self, color_rgb: &[u8], inside_only: bool) -> Vec<Feature> {
+        let regions = self.regions(inside_only);
+        regions.into_iter().map(|region| self.median_feature(color_rgb, region)).collect()
+    }
+
+    /// Whether what was found by `seeds` has such a colour, not one that is merely nearer to them
+    /// than to the surroundings'.
+    pub fn resembles(&mut self, color_rgb: &[u8], seeds: &[Feature], mask: &BitImage) -> bool {
+        sample(color_rgb, mask, &mut self.samples);
+        if seeds.is_empty() || self.samples.is_empty() {
+            return true;
+        }
+        let color = self.median();
+        seeds.iter().any(|seed| distance_squared(seed, &color) < HINT_REACH * HINT_REACH)
     }
 
     /// The table of `seeds` against this picture's border and the colours around `mask`.
@@ -133,12 +160,7 @@ impl Learner {
         self.inner.copy_from(mask);
         self.inner.dilate(near, &mut self.scratch);
         self.flat.and_not(&self.inner);
-        self.samples.clear();
-        let ring = &self.flat;
-        for y in 0..ring.height {
-            let pixels = (0..ring.width).filter(|x| (x + y) % 3 == 0 && ring.get(*x, y));
-            self.samples.extend(pixels.map(|x| feature_at(color_rgb, y * ring.width + x)));
-        }
+        sample(color_rgb, &self.flat, &mut self.samples);
         around.extend(k_means(&self.samples, RING_CLUSTERS, self.seed));
         two_class(seeds, &around)
     }
@@ -210,6 +232,11 @@ impl Learner {
             let pixels = (run.start..run.end).map(|x| run.y as usize * width + x as usize);
             self.samples.extend(pixels.map(|at| feature_at(color_rgb, at)));
         }
+        self.median()
+    }
+
+    /// Of the samples, of which there is one at least, by coordinate.
+    fn median(&mut self) -> Feature {
         let middle = self.samples.len() / 2;
         [0, 1, 2].map(|axis| {
             let by_axis = |a: &Feature, b: &Feature| a[axis].total_cmp(&b[axis]);
@@ -221,16 +248,16 @@ impl Learner {
     fn border_clusters(&mut self, color_rgb: &[u8]) -> Vec<Feature> {
         let (width, height) = (self.flat.width, self.flat.height);
         let strip = (width / 50).max(1);
-        self.samples.clear();
+        self.border.clear();
         for y in 0..height {
             let whole = y < strip || y + strip >= height;
             for x in 0..width {
                 if (whole || x < strip || x + strip >= width) && (x + y) % 5 == 0 {
-                    self.samples.push(feature_at(color_rgb, y * width + x));
+                    self.border.push(feature_at(color_rgb, y * width + x));
                 }
             }
         }
-        k_means(&self.samples, BORDER_CLUSTERS, self.seed)
+        k_means(&self.border, BORDER_CLUSTERS, self.seed)
     }
 }
 
@@ -245,6 +272,15 @@ fn two_class(seeds: &[Feature], around: &[Feature]) -> ColorTable {
         around.extend(SKIN);
     }
     ColorTable::two_class(seeds, &around)
+}
+
+/// Takes every third pixel of a mask.
+fn sample(color_rgb: &[u8], mask: &BitImage, out: &mut Vec<Feature>) {
+    out.clear();
+    for y in 0..mask.height {
+        let pixels = (0..mask.width).filter(|x| (x + y) % 3 == 0 && mask.get(*x, y));
+        out.extend(pixels.map(|x| feature_at(color_rgb, y * mask.width + x)));
+    }
 }
 
 fn feature_at(color_rgb: &[u8], pixel: usize) -> Feature {

@@ -32,6 +32,7 @@ mod params;
 mod plane;
 mod select;
 mod steps;
+mod told;
 mod voxels;
 mod window;
 
@@ -40,6 +41,7 @@ pub use params::{Markers, SegmentConfig, SegmentParams};
 use camera::{CameraSegmenter, Outcome};
 use orime_geometry::{Edgel, Feature, ObservedPoint, RgbdCamera, RgbdFrame, SheetGrid};
 use rayon::prelude::*;
+use told::{Known, Told};
 
 /// Where a segmentation is written: the caller's memory, filled from the front.
 #[derive(Debug)]
@@ -99,8 +101,10 @@ impl Segmenter {
         frames: &[Option<RgbdFrame<'_>>],
         out: ObservedMut<'_>,
     ) -> SegmentReport {
+        // All are told the same, so that their order and the number of threads change nothing.
+        let told = Told { alone: self.cameras.len() == 1, known: self.known() };
         self.cameras.par_iter_mut().enumerate().for_each(|(k, (camera, outcome))| {
-            *outcome = camera.segment(frames.get(k).copied().flatten());
+            *outcome = camera.segment(frames.get(k).copied().flatten(), &told);
         });
         let mut report = SegmentReport::default();
         let counted = |wanted| self.cameras.iter().filter(|(_, o)| *o == wanted).count() as u32;
@@ -122,6 +126,11 @@ impl Segmenter {
         report.features = thin(cameras().flat_map(|camera| camera.features()), total, out.features);
         report.features_left_out = (total - report.features) as u32;
         report
+    }
+
+    /// What the cameras know that saw the sheet in the last frame.
+    fn known(&self) -> Option<Known> {
+        self.cameras.iter().filter_map(|(camera, _)| camera.known()).reduce(Known::or)
     }
 
     /// Whether pixel `(x, y)` of a camera's colour image showed the sheet in the last frame.

@@ -1,6 +1,7 @@
 //! Things in front of the sheet, by the steps in depth at their edges.
 
-use crate::bits::BitImage;
+use crate::bits::{BitImage, pack};
+use crate::depth::DepthMap;
 use crate::steps::{DIRECTIONS, SPAN_PX, Steps};
 
 /// Half the width of the band around the sheet's patches in which a step is the sheet's.
@@ -9,7 +10,8 @@ const SHEET_BAND_PX: usize = 6;
 /// Finds occluders; keeps its memory.
 #[derive(Debug)]
 pub(crate) struct Occluders {
-    /// Depth pixels on both sides of the edges of things in front of the sheet.
+    /// Depth pixels on both sides of the edges of things in front of the sheet, and of things
+    /// in front of all of it.
     pub found: BitImage,
     /// Depth pixels on both sides of gaps that begin on the sheet and end beside it, level with
     /// it: perhaps something thin in front of it that returns no depth (a clip).
@@ -38,6 +40,22 @@ impl Occluders {
         let Self { found, unsure, support, band, step, scratch } = self;
         for image in [found, unsure, support, band, step, scratch] {
             image.reshape(width, height);
+        }
+    }
+
+    /// What is nearer than this, metres. The steps at its edges may be far from what is known to be
+    /// the sheet: a colour lens beside the depth lens does not see the strip between.
+    pub fn add_nearer(&mut self, map: &DepthMap, nearest_m: f32) {
+        for y in 0..map.height {
+            for k in 0..self.found.words {
+                let nearer = map.z_block(64 * k as i32, y as i32);
+                let mut bits = [0; 64];
+                for (bit, z_m) in bits.iter_mut().zip(nearer) {
+                    *bit = u8::from(*z_m < nearest_m);
+                }
+                let used = self.found.used(k);
+                self.found.row_mut(y)[k] |= pack(&bits) & used;
+            }
         }
     }
 

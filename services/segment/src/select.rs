@@ -22,7 +22,7 @@ const CONTINUED_PX: usize = 5;
 const BETWEEN_PX_MAX: u32 = 12;
 
 /// How far something in front of the sheet is nearer, metres.
-const IN_FRONT_M: f32 = 0.008;
+pub(crate) const IN_FRONT_M: f32 = 0.008;
 
 /// Share of a patch's outline from which steps along it count.
 const OUTLINE_SHARE: f32 = 0.12;
@@ -39,6 +39,17 @@ pub(crate) struct SheetSize {
     pub diagonal_m: f32,
 }
 
+/// What was chosen.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Chosen {
+    /// Visible area, m².
+    pub area_m2: f32,
+    /// Middle of the anchor, world, metres.
+    pub centre_m: [f32; 3],
+    /// Least depth, metres.
+    pub nearest_m: f32,
+}
+
 /// One patch of surface.
 #[derive(Debug, Clone, Copy, Default)]
 struct Patch {
@@ -47,6 +58,8 @@ struct Patch {
     area_m2: f32,
     /// Sum over runs of centre times pixels, world, m.
     moment_m: [f32; 3],
+    /// Least depth of its runs' ends and middles, metres.
+    nearest_m: f32,
     /// Pixels that are nearer, farther than what lies across a step.
     near: u32,
     far: u32,
@@ -113,21 +126,21 @@ impl Selector {
     }
 
     /// Splits the evidence's surface into what is the sheet, into `accepted`, and what is not,
-    /// into `refused`. Returns the visible area, m², or `None` if no patch can be the sheet.
+    /// into `refused`. `None` if no patch can be the sheet.
     pub fn select(
         &mut self,
         evidence: &Evidence<'_>,
         size: &SheetSize,
         accepted: &mut BitImage,
         refused: &mut BitImage,
-    ) -> Option<f32> {
+    ) -> Option<Chosen> {
         accepted.clear();
         refused.clear();
         self.components.find(evidence.surface, true);
         self.mark_steps(evidence.steps);
         self.mark_continued(evidence);
         self.measure(evidence);
-        let area_m2 = self.accept(evidence, size)?;
+        let chosen = self.accept(evidence, size)?;
         for run in &self.components.runs {
             let patch = &self.patches[run.component as usize];
             let out = match patch {
@@ -137,7 +150,7 @@ impl Selector {
             };
             out.set_run(run.y as usize, run.start as usize, run.end as usize);
         }
-        Some(area_m2)
+        Some(chosen)
     }
 
     /// Whether a colour component (counted from 0) holds an accepted patch.
@@ -179,7 +192,8 @@ impl Selector {
     fn measure(&mut self, evidence: &Evidence<'_>) {
         let map = evidence.map;
         self.patches.clear();
-        self.patches.resize(self.components.list.len(), Patch::default());
+        let none = Patch { nearest_m: f32::INFINITY, ..Patch::default() };
+        self.patches.resize(self.components.list.len(), none);
         let per_pixel = 1.0 / (map.focal_px[0] * map.focal_px[1]);
         for run in &self.components.runs {
             let patch = &mut self.patches[run.component as usize];
@@ -187,6 +201,8 @@ impl Selector {
             let middle = (start + end - 1) / 2;
             let z_m = map.z_m(middle as i32, y as i32);
             patch.area_m2 += run.len() as f32 * z_m * z_m * per_pixel;
+            let ends = [start, end - 1].map(|x| map.z_m(x as i32, y as i32));
+            patch.nearest_m = ends.into_iter().fold(z_m, f32::min).min(patch.nearest_m);
             let point = map.world_m(middle, y);
             (0..3).for_each(|k| patch.moment_m[k] += run.len() as f32 * point[k]);
             patch.pixels += run.len();
@@ -205,7 +221,7 @@ impl Selector {
         }
     }
 
-    fn accept(&mut self, evidence: &Evidence<'_>, size: &SheetSize) -> Option<f32> {
+    fn accept(&mut self, evidence: &Evidence<'_>, size: &SheetSize) -> Option<Chosen> {
         let patches = &mut self.patches;
         self.order.clear();
         let large = |k: &u32| patches[*k as usize].pixels >= PATCH_MIN_PX;
@@ -227,27 +243,36 @@ impl Selector {
             })? as usize;
         patches[anchor].accepted = true;
         let anchor = patches[anchor];
-        let mut area_m2 = anchor.area_m2;
+        let mut chosen = Chosen {
+            area_m2: anchor.area_m2,
+            centre_m: anchor.centre_m(),
+            nearest_m: anchor.nearest_m,
+        };
         for k in &self.order {
             let patch = &mut patches[*k as usize];
             if !patch.accepted
-                && area_m2 + patch.area_m2 <= size.area_m2_max
+                && chosen.area_m2 + patch.area_m2 <= size.area_m2_max
                 && belongs(patch, &anchor, size, evidence)
             {
                 patch.accepted = true;
-                area_m2 += patch.area_m2;
+                chosen.area_m2 += patch.area_m2;
+                chosen.nearest_m = chosen.nearest_m.min(patch.nearest_m);
             }
         }
-        (area_m2 >= size.area_m2_min).then_some(area_m2)
+        (chosen.area_m2 >= size.area_m2_min).then_some(chosen)
+    }
+}
+
+impl Patch {
+    /// Its middle, world, metres.
+    fn centre_m(&self) -> [f32; 3] {
+        self.moment_m.map(|m| m / self.pixels as f32)
     }
 }
 
 /// Whether a patch is part of the same sheet as the anchor.
 fn belongs(patch: &Patch, anchor: &Patch, size: &SheetSize, evidence: &Evidence<'_>) -> bool {
-    let centre = |p: &Patch| p.moment_m.map(|m| m / p.pixels as f32);
-    let (a, b) = (centre(patch), centre(anchor));
-    let distance_m = (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f32>().sqrt();
-    if distance_m > size.diagonal_m {
+    if distance_m(&patch.centre_m(), &anchor.centre_m()) > size.diagonal_m {
         return false;
     }
     let share = OUTLINE_SHARE * 2.0 * patch.runs as f32;
@@ -260,6 +285,11 @@ fn belongs(patch: &Patch, anchor: &Patch, size: &SheetSize, evidence: &Evidence<
     }
     let behind = patch.far as f32 > share && patch.area_m2 > size.piece_m2_min;
     !in_front && behind && only_occluders_between(patch, anchor, evidence)
+}
+
+/// Distance between two points, metres.
+pub(crate) fn distance_m(a: &[f32; 3], b: &[f32; 3]) -> f32 {
+    (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f32>().sqrt()
 }
 
 /// Whether a straight line between two patches crosses nothing but things of the sheet's colour,

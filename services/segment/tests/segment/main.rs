@@ -4,4 +4,5 @@ mod degenerate;
 mod measured;
 mod pictures;
 mod scene;
+mod several;
 mod windows;

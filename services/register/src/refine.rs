@@ -3,7 +3,7 @@
 //! Chords between nodes that are far apart are shorter than the paper between them where it
 //! bends, so that links that keep their length would push the sheet out of a narrow bend.
 
-use crate::blend::Blender;
+use crate::blend::{Blend, Blender};
 use orime_creases::Folds;
 use orime_geometry::SheetGrid;
 
@@ -17,6 +17,8 @@ pub(crate) struct Refinement {
     fine: SheetGrid,
     /// The coarse folds that `fine_folds` were made of.
     folds: Folds,
+    /// Where there are several facets: each fine node as a part of its own.
+    blends: Vec<Blend>,
     /// The same folds of the fine grid.
     pub fine_folds: Folds,
     /// Targets and confidences of the fine grid.
@@ -35,6 +37,7 @@ impl Refinement {
         let fine = SheetGrid::new(coarse.size_m, coarse.nodes.map(|n| 2 * n - 1));
         Some(Self {
             folds: Folds::flat(coarse),
+            blends: Vec::new(),
             fine_folds: Folds::flat(&fine),
             targets_m: vec![[0.0; 3]; fine.len()],
             confidence: vec![0.0; fine.len()],
@@ -53,15 +56,19 @@ impl Refinement {
         if self.folds.facets() != folds.facets() {
             self.folds.clone_from(folds);
             self.fine_folds = Folds::from_facets(&self.fine, folds.facets().to_vec());
+            self.blends.clear();
+            if folds.facets().len() > 1 {
+                let blender = Blender::new(&self.folds);
+                self.blends.extend(self.fine.uv_m().map(|uv| blender.at(uv)));
+            }
         }
     }
 
     /// Positions of the coarse nodes to those of all: by cubic curves on a sheet without folds,
     /// within flat facets on one with them.
     pub fn refined_m(&self, coarse_m: &[[f32; 3]]) -> Vec<[f32; 3]> {
-        if self.folds.facets().len() > 1 {
-            let blender = Blender::new(&self.folds);
-            return self.fine.uv_m().map(|uv| blender.at(uv).position_m(coarse_m)).collect();
+        if !self.blends.is_empty() {
+            return self.blends.iter().map(|blend| blend.position_m(coarse_m)).collect();
         }
         let [rows, columns] = self.coarse.nodes;
         let mut fine_m = vec![[0.0; 3]; self.fine.len()];

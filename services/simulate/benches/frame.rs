@@ -3,7 +3,7 @@
 //!
 //! Per size of the sheet: links, microseconds a frame (the least of many), nanoseconds and cycles
 //! of the time stamp counter a link and substep; then how stretch falls with substeps, and what
-//! that costs, beside a plain loop over the same links; `-- --stretch` prints that alone.
+//! that costs, beside a plain loop over the same links; `-- --sizes`, `-- --stretch` print one alone.
 //! `-- --frames N NODES [EFFECT,...]` runs N frames of one size and nothing else, for
 //! callgrind (`tests/effect_costs`) and `perf stat`; effects beyond the links and track are named
 //! but have nothing to do.
@@ -191,6 +191,15 @@ fn main() {
     if arguments.iter().any(|argument| argument == "--stretch") {
         return stretches();
     }
+    sizes();
+    if !arguments.iter().any(|argument| argument == "--sizes") {
+        backends();
+        stretches();
+    }
+}
+
+/// What a frame costs by the size of the sheet.
+fn sizes() {
     println!("links 1-4, {SUBSTEPS} substeps, one core; least of many frames");
     println!("  nodes   links  damped  us/frame  ns/link  ticks/link  us/link-scaled-to-25");
     let mut at_25 = 0.0;
@@ -213,8 +222,6 @@ fn main() {
             );
         }
     }
-    backends();
-    stretches();
 }
 
 /// How stretch falls with substeps, here and in a plain loop over the links.

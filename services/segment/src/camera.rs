@@ -321,9 +321,6 @@ impl CameraSegmenter {
     fn take_points(&mut self) {
         let (color, depth, params) = (&mut self.color, &mut self.depth, &self.params);
         self.occluders.find(&self.steps, &depth.accepted);
-        if let (Some(chosen), Some(_)) = (&self.chosen, &self.parallax) {
-            self.occluders.add_nearer(&self.map, chosen.nearest_m - IN_FRONT_M);
-        }
         color.eroded.copy_from(&color.mask);
         color.eroded.erode(params.mask_margin_px, &mut color.scratch);
         depth.sheet.reshape(self.view.depth.width, self.view.depth.height);
@@ -346,6 +343,9 @@ impl CameraSegmenter {
         let Some(table) = &self.table else { return };
         let (color, depth, params) = (&mut self.color, &mut self.depth, &self.params);
         color.occluded.clear();
+        if let (Some(chosen), Some(_)) = (&self.chosen, &self.parallax) {
+            self.occluders.add_nearer(&self.map, chosen.nearest_m - IN_FRONT_M);
+        }
         self.map.splat(&self.occluders.found, &mut color.occluded);
         self.map.splat(&self.occluders.unsure, &mut color.occluded);
         color.occluded.dilate(params.edgel_occluder_margin_px, &mut color.scratch);

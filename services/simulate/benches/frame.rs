@@ -3,7 +3,8 @@
 //!
 //! Per size of the sheet: links, microseconds a frame (the least of many), nanoseconds and cycles
 //! of the time stamp counter a link and substep; then how stretch falls with substeps, and what
-//! that costs, beside a plain loop over the same links; `-- --sizes`, `-- --stretch` print one alone.
+//! that costs, beside a plain loop over the same links. `-- --sizes` and `-- --stretch` print one
+//! of these alone.
 //! `-- --frames N NODES [EFFECT,...]` runs N frames of one size and nothing else, for
 //! callgrind (`tests/effect_costs`) and `perf stat`; effects beyond the links and track are named
 //! but have nothing to do.

@@ -5,7 +5,9 @@ mod deadline;
 use deadline::Planner;
 use orime_creases::Folds;
 use orime_geometry::{RgbdCamera, SheetParams};
-use orime_messages::{Drops, Header, ObservedCloud, RegisterFigures, SheetState, Targets};
+use orime_messages::{
+    CameraMeta, Drops, Header, ObservedCloud, RegisterFigures, SheetState, Targets,
+};
 use orime_register::{Observation, RegisterParams, RegisterReport, Registrar, Termination};
 use orime_runtime::{
     Pace, Publisher, Received, Recorder, Service, Subscription, Work, channel, now_ns,
@@ -32,7 +34,8 @@ pub struct Register {
     ended: Option<Header>,
     /// Facets and layer order of that state.
     folds: Folds,
-    /// The cameras, once a cloud has told them.
+    /// The cameras as the last cloud told them, and as registration takes them.
+    told: Vec<CameraMeta>,
     cameras: Vec<RgbdCamera>,
     /// Where the set has a budget and the pace is real time.
     planner: Option<Planner>,
@@ -66,6 +69,7 @@ impl Register {
             takes_over: service.resume().is_some(),
             ended: service.ended_input(),
             folds: Folds::flat(&sheet),
+            told: Vec::new(),
             cameras: Vec::new(),
         };
         service.ready()?;
@@ -146,7 +150,9 @@ impl Register {
 
     /// Publishes the targets for one cloud; `false` if asked to stop while waiting.
     fn publish_targets(&mut self, cloud: &Received<ObservedCloud>) -> anyhow::Result<bool> {
-        if self.cameras.len() != cloud.cameras().len() {
+        // Another source may have taken the first one's place.
+        if self.told != cloud.cameras() {
+            self.told = cloud.cameras().to_vec();
             self.cameras = cloud.cameras().iter().map(RgbdCamera::from).collect();
         }
         if let Some(state) = &self.state {

@@ -7,7 +7,9 @@ use orime_evaluate::latency::{LatencyFigures, Timing};
 use orime_evaluate::picture::PanelInput;
 use orime_evaluate::summary::StageMs;
 use orime_geometry::RgbdCamera;
-use orime_messages::{ObservedCloud, RecordKind, SheetState, Stage, StageRecord, Truth};
+use orime_messages::{
+    CameraMeta, ObservedCloud, RecordKind, SheetState, Stage, StageRecord, Truth,
+};
 use orime_runtime::{
     FrameSubscription, Pace, Received, ReceivedFrame, Service, SetFile, Stop, Subscription, channel,
 };
@@ -50,7 +52,8 @@ struct Watch {
     times: BTreeMap<u64, StageMs>,
     timings: Vec<Timing>,
     pictures: Pictures,
-    cameras: Vec<Option<RgbdCamera>>,
+    /// As their last frames told them.
+    cameras: Vec<Option<CameraMeta>>,
     /// Step and colour image of the pictured camera.
     images: VecDeque<(u64, Vec<u8>)>,
     cloud: Option<Received<ObservedCloud>>,
@@ -172,9 +175,7 @@ impl Watch {
         }
         let camera = meta.camera as usize;
         self.cameras.resize(self.cameras.len().max(meta.n_cameras as usize), None);
-        if self.cameras[camera].is_none() {
-            self.cameras[camera] = Some(RgbdCamera::from(&meta.calibration));
-        }
+        self.cameras[camera] = Some(meta.calibration);
         if camera == self.pictures.camera && self.pictures.wants(meta.header.step) {
             if let Some(view) = frame.view() {
                 self.images.push_back((meta.header.step, view.color_rgb.to_vec()));
@@ -208,7 +209,8 @@ impl Watch {
     fn score(&mut self, state: &Received<SheetState>) -> anyhow::Result<()> {
         let step = state.header.step;
         self.catch_up(step)?;
-        let cameras: Option<Vec<RgbdCamera>> = self.cameras.iter().cloned().collect();
+        let known = self.cameras.iter().map(|camera| camera.as_ref().map(RgbdCamera::from));
+        let cameras: Option<Vec<RgbdCamera>> = known.collect();
         let cameras = cameras.unwrap_or_default();
         let is_now = |found: u64, is_end: bool| found == step && !is_end;
         let cloud = self.cloud.as_deref().filter(|c| is_now(c.header.step, c.header.is_end()));

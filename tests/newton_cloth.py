@@ -63,19 +63,25 @@ def stretch(q):
     return float(np.max(np.abs(np.concatenate(lengths) / rest_m - 1)))
 
 
+def frame(solver, now, after, control):
+    """Steps through a frame; the newest state, the other, and milliseconds."""
+    start = time.perf_counter()
+    for _ in range(SUBSTEPS):
+        now.clear_forces()
+        solver.step(now, after, control, None, FRAME_S / SUBSTEPS)
+        now, after = after, now
+    wp.synchronize()
+    return now, after, 1e3 * (time.perf_counter() - start)
+
+
 def run(name, make, springs, frames):
     scene = model(springs)
     solver = make(scene)
     now, after, control = scene.state(), scene.state(), scene.control()
     times, worst = [], 0.0
     for _ in range(frames):
-        start = time.perf_counter()
-        for _ in range(SUBSTEPS):
-            now.clear_forces()
-            solver.step(now, after, control, None, FRAME_S / SUBSTEPS)
-            now, after = after, now
-        wp.synchronize()
-        times.append(1e3 * (time.perf_counter() - start))
+        now, after, ms = frame(solver, now, after, control)
+        times.append(ms)
         q = now.particle_q.numpy()
         if not np.isfinite(q).all():
             print(f"{name:34} blew up in frame {len(times)}")
@@ -123,13 +129,8 @@ def newton_frame_ms(nodes, frames):
     now, after, control = scene.state(), scene.state(), scene.control()
     least = math.inf
     for _ in range(frames):
-        start = time.perf_counter()
-        for _ in range(SUBSTEPS):
-            now.clear_forces()
-            solver.step(now, after, control, None, FRAME_S / SUBSTEPS)
-            now, after = after, now
-        wp.synchronize()
-        least = min(least, 1e3 * (time.perf_counter() - start))
+        now, after, ms = frame(solver, now, after, control)
+        least = min(least, ms)
     return links, least
 
 

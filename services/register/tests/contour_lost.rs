@@ -1,29 +1,10 @@
 //! A sheet whose contour is seen where it has no border is lost, and said to be.
 
-use orime_geometry::nalgebra::Isometry3;
-use orime_geometry::{CameraModel, Edgel, ObservedPoint, RgbdCamera, SheetGrid};
-use orime_register::{Observation, RegisterParams, Registrar, Tracking};
+mod below;
 
-/// A camera half a metre below the sheet that looks up at it.
-fn camera() -> RgbdCamera {
-    let lens = CameraModel {
-        width: 640,
-        height: 480,
-        fx_px: 600.0,
-        fy_px: 600.0,
-        cx_px: 320.0,
-        cy_px: 240.0,
-        distortion: [0.0; 5],
-    };
-    RgbdCamera {
-        name: "below".into(),
-        color: lens.clone(),
-        depth: lens,
-        color_from_depth: Isometry3::identity(),
-        world_from_color: Isometry3::translation(0.0, 0.0, -0.5),
-        depth_m_per_unit: 0.001,
-    }
-}
+use below::camera;
+use orime_geometry::{Edgel, ObservedPoint, SheetGrid};
+use orime_register::{Observation, RegisterParams, Registrar, Tracking};
 
 /// The outline of the flat sheet; its side towards +u is seen `inward_px` inside of it.
 fn contour(inward_px: f32) -> Vec<Edgel> {

@@ -1,31 +1,12 @@
 //! A layer that nobody sees keeps the prediction as a weak target; the layer before it does not.
 
-use orime_geometry::nalgebra::Isometry3;
-use orime_geometry::{CameraModel, ObservedPoint, RgbdCamera, SheetGrid};
+mod below;
+
+use below::camera;
+use orime_geometry::{ObservedPoint, SheetGrid};
 use orime_register::{Observation, RegisterParams, Registrar};
 
 const GAP_M: f32 = 0.004;
-
-/// A camera half a metre below the sheet that looks up at it.
-fn camera() -> RgbdCamera {
-    let lens = CameraModel {
-        width: 640,
-        height: 480,
-        fx_px: 600.0,
-        fy_px: 600.0,
-        cx_px: 320.0,
-        cy_px: 240.0,
-        distortion: [0.0; 5],
-    };
-    RgbdCamera {
-        name: "below".into(),
-        color: lens.clone(),
-        depth: lens,
-        color_from_depth: Isometry3::identity(),
-        world_from_color: Isometry3::translation(0.0, 0.0, -0.5),
-        depth_m_per_unit: 0.001,
-    }
-}
 
 /// A sheet folded in two along u = 75 mm; the part of small u is nearer to the camera.
 fn folded(sheet: &SheetGrid) -> Vec<[f32; 3]> {

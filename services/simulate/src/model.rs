@@ -11,7 +11,7 @@ use crate::effect::{Effect, Effects};
 use crate::grips::Grip;
 use crate::params::SimulateConfig;
 use crate::simulator::{SimulateReport, Simulator};
-use orime_contact::{ContactReport, FacetContact};
+use orime_contact::{ContactConfig, ContactReport, FacetContact, GenericContact, NetReport};
 use orime_creases::{CreaseFinder, FacetFrame, Folds};
 use orime_geometry::SheetGrid;
 
@@ -27,10 +27,28 @@ pub struct ModelReport {
     pub simulate: SimulateReport,
     /// What contact did to the state.
     pub contact: ContactReport,
+    /// What the net under it did; `None` where nothing was near anything, or a pose taken over.
+    pub net: Option<NetReport>,
     /// Effects that the scene names and that proved idle in this step, contact among them.
     pub slept: Effects,
     /// Whether the facets changed.
     pub refolded: bool,
+}
+
+/// Contact of a frame.
+#[derive(Debug, Clone)]
+struct Layers {
+    /// Puts facets in their order.
+    order: FacetContact,
+    /// Holds back what crosses all the same: targets pull harder than contact in some frames, and
+    /// a new crease has no order yet.
+    net: GenericContact,
+}
+
+impl Layers {
+    fn new(config: &ContactConfig, sheet: &SheetGrid) -> Self {
+        Self { order: FacetContact::new(config, sheet), net: GenericContact::new(config, sheet) }
+    }
 }
 
 /// The followed sheet.
@@ -38,12 +56,14 @@ pub struct ModelReport {
 pub struct SheetModel {
     simulator: Simulator,
     finder: CreaseFinder,
-    contact: Option<FacetContact>,
+    contact: Option<Layers>,
     /// How far a facet's targets may lie off a rigid pose, metres.
     bend_tolerance_m: f64,
     seen: Vec<u32>,
     shares: Vec<f32>,
     positions_m: Vec<[f32; 3]>,
+    /// The state before.
+    before_m: Vec<[f32; 3]>,
     predicted_m: Vec<[f32; 3]>,
     expected_m: Vec<[f32; 3]>,
     grips: Vec<Grip>,
@@ -77,11 +97,12 @@ impl SheetModel {
         let simulator = Simulator::new(&substeps, sheet, density_kg_per_m2, rest_m);
         Self {
             finder: CreaseFinder::new(&config.folds, sheet),
-            contact: has_contact.then(|| FacetContact::new(&config.self_contact, sheet)),
+            contact: has_contact.then(|| Layers::new(&config.self_contact, sheet)),
             bend_tolerance_m: params.facets.bend_tolerance * side_m,
             seen: Vec::with_capacity(sheet.len()),
             shares: Vec::new(),
             positions_m: simulator.positions_m().to_vec(),
+            before_m: simulator.positions_m().to_vec(),
             predicted_m: simulator.positions_m().to_vec(),
             expected_m: simulator.positions_m().to_vec(),
             grips: Vec::new(),
@@ -113,6 +134,7 @@ impl SheetModel {
         self.simulator.set_folds(self.finder.folds());
         self.soften(targets_m, confidence);
         report.simulate = self.simulator.step(dt_s, targets_m, confidence, reset);
+        std::mem::swap(&mut self.before_m, &mut self.positions_m);
         self.positions_m.copy_from_slice(self.simulator.positions_m());
         let folds = self.simulator.folds();
         report.slept = report.simulate.slept;
@@ -121,8 +143,11 @@ impl SheetModel {
         }
         let mut contact = self.contact.as_mut().filter(|_| folds.facets().len() > 1);
         if let Some(contact) = &mut contact {
-            report.contact = contact.project(&mut self.positions_m, folds);
-            if report.contact.moved_m > 0.0 {
+            report.contact = contact.order.project(&mut self.positions_m, folds);
+            if report.contact.rounds > 0 && !reset {
+                report.net = Some(contact.net.catch(&self.before_m, &mut self.positions_m));
+            }
+            if report.contact.moved_m > 0.0 || report.net.is_some_and(|net| net.blended > 0) {
                 self.simulator.correct(dt_s, &self.positions_m);
             }
         }
@@ -132,7 +157,7 @@ impl SheetModel {
         }
         self.predicted_m.copy_from_slice(self.simulator.predict(dt_s));
         if let Some(contact) = &mut contact {
-            contact.project(&mut self.predicted_m, self.simulator.folds());
+            contact.order.project(&mut self.predicted_m, self.simulator.folds());
         }
         let offset_m = self.offset_m();
         for (to, from) in self.predicted_for_cameras_m.iter_mut().zip(&self.predicted_m) {
@@ -177,7 +202,7 @@ impl SheetModel {
         if self.simulator.folds().facets().len() > 1
             && let Some(contact) = &mut self.contact
         {
-            contact.project(&mut self.expected_m, self.simulator.folds());
+            contact.order.project(&mut self.expected_m, self.simulator.folds());
         }
         &self.expected_m
     }

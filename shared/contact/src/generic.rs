@@ -3,7 +3,8 @@
 //! ```text
 //! begin_step(x°)     x° is free of crossings
 //! project(x)         pairs nearer than the thickness part along their offset at x°, with friction
-//! truncate(x°, x)    the net: no pair passes through itself on the straight way from x° to x
+//! truncate(x°, x)    the net: no pair passes through itself on the straight way from x° to x, once
+//!   x° has been carried along with the best rigid motion between the two
 //!   pairs whose ways come near; for each the share of its way that is proven free (pair.rs)
 //!   where that is not all, its four nodes go on with their mean motion and that share of their own
 //!   what still fails after some rounds: everyone goes the smallest share of the way
@@ -17,6 +18,7 @@
 
 mod cells;
 mod pair;
+mod parted;
 mod truncate;
 mod untangle;
 
@@ -24,9 +26,10 @@ use crate::mesh::Mesh;
 use crate::params::{ContactConfig, ContactParams};
 use crate::push::weighted_push;
 use cells::{Boxes, Cells, Parts};
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 use orime_geometry::SheetGrid;
 use pair::Pair;
+use parted::Quads;
 pub use truncate::NetReport;
 pub use untangle::UntangleReport;
 
@@ -43,17 +46,20 @@ pub struct GenericReport {
 }
 
 /// Keeps a sheet from passing through itself, whatever its shape.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct GenericContact {
     params: ContactParams,
     mesh: Mesh,
     parts: Parts,
     cells: Cells,
     boxes: Boxes,
+    quads: Quads,
     mobility: Vec<f64>,
     origin_m: Vector3<f64>,
     from: Vec<Vector3<f64>>,
     to: Vec<Vector3<f64>>,
+    /// The same, for the rigid motion between them.
+    carried: [Vec<Point3<f64>>; 2],
     pairs: Vec<Pair>,
     /// When the net moved each node last, in pairs gone through.
     blended_at: Vec<u32>,
@@ -71,10 +77,12 @@ impl GenericContact {
             parts: Parts::new(&mesh),
             cells: Cells::new(&mesh),
             boxes: Boxes::new(&mesh),
+            quads: Quads::new(&mesh),
             mobility: vec![1.0; count],
             origin_m: Vector3::zeros(),
             from: vec![Vector3::zeros(); count],
             to: vec![Vector3::zeros(); count],
+            carried: [Vec::with_capacity(count), Vec::with_capacity(count)],
             pairs: Vec::with_capacity(16 * count),
             blended_at: vec![0; count],
             proven_m: vec![[f32::NAN; 3]; count],

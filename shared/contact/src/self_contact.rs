@@ -82,10 +82,11 @@ impl SelfContact {
         x_m: &mut [[f32; 3]],
         folds: &Folds,
     ) -> NetReport {
-        if folds.facets().len() > 1 && self.generic.is_free(x_m) {
-            return NetReport { armed: true, pairs: 0, blended: 0, share: 1.0 };
+        if folds.facets().len() > 1 {
+            self.generic.catch(from_m, x_m)
+        } else {
+            self.generic.truncate(from_m, x_m)
         }
-        self.generic.truncate(from_m, x_m)
     }
 }
 

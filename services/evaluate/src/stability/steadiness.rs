@@ -208,36 +208,40 @@ pub fn threads(_seed: u64) -> Vec<Outcome> {
 /// Case 22: an effect that has nothing to do changes nothing and costs nothing.
 pub fn effects_off(_seed: u64) -> Vec<Outcome> {
     let sheet = square(25);
-    let run = |effects: &[Effect]| {
+    let trust = vec![1.0; sheet.len()];
+    let wave = |p: &[f32; 3]| [p[0], p[1], 0.02 * (40.0 * p[0]).sin()];
+    let targets: Vec<[f32; 3]> = flat(&sheet).iter().map(wave).collect();
+    let with = |effects: &[Effect]| {
         let mut params = only(effects);
         params.substep_motion_m = 0.0;
         params.table.height_m = -10.0;
-        let mut simulator = simulator(&sheet, &params, None);
-        let targets: Vec<[f32; 3]> =
-            flat(&sheet).iter().map(|p| [p[0], p[1], 0.02 * (40.0 * p[0]).sin()]).collect();
-        let trust = vec![1.0; sheet.len()];
-        let mut least_s = f64::INFINITY;
-        for frame in 0..200usize {
-            // Targets that move keep the sheet awake.
-            let shift = 1e-4 * (frame % 7) as f32;
-            let moved: Vec<[f32; 3]> = targets.iter().map(|p| [p[0] + shift, p[1], p[2]]).collect();
-            let started = Instant::now();
-            simulator.step(FRAME_S, &moved, &trust, false);
-            least_s = least_s.min(started.elapsed().as_secs_f64());
-        }
-        (simulator.positions_m().to_vec(), least_s)
+        simulator(&sheet, &params, None)
     };
     let base = [Effect::Stretch, Effect::Shear, Effect::Bend, Effect::Track];
-    let (result, base_s) = run(&base);
     let idle =
         [Effect::Crease, Effect::Table, Effect::Facets, Effect::Grippers, Effect::SelfContact];
     let each = |effect: Effect| {
         let effects: Vec<Effect> = base.iter().copied().chain([effect]).collect();
-        let (with, with_s) = run(&effects);
-        let equal = with == result;
-        let ratio = with_s / base_s;
+        // Frame by frame in turn, for what else the machine does slows both; and several of each,
+        // for where their memory happens to lie does up to a third.
+        let mut pairs: Vec<_> = (0..6).map(|_| [with(&base), with(&effects)]).collect();
+        let mut least_s = [f64::INFINITY; 2];
+        for frame in 0..60usize {
+            // Targets that move keep the sheet awake.
+            let shift = 1e-4 * (frame % 7) as f32;
+            let moved: Vec<[f32; 3]> = targets.iter().map(|p| [p[0] + shift, p[1], p[2]]).collect();
+            for pair in &mut pairs {
+                for (simulator, least_s) in pair.iter_mut().zip(&mut least_s) {
+                    let started = Instant::now();
+                    simulator.step(FRAME_S, &moved, &trust, false);
+                    *least_s = least_s.min(started.elapsed().as_secs_f64());
+                }
+            }
+        }
+        let equal = pairs.iter().all(|[base, with]| base.positions_m() == with.positions_m());
+        let ratio = least_s[1] / least_s[0];
         let measured = format!("bits equal {equal}, cost × {ratio:.2}");
-        let criterion = "bits equal to the scene without it, cost within 10 % (least of 200)";
+        let criterion = "bits equal to the scene without it, cost within 10 % (least of 360)";
         let passed = equal && ratio < 1.1;
         outcome(22, format!("`{}` idle", effect.name()), criterion, measured, passed)
     };

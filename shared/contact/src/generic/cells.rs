@@ -35,7 +35,7 @@ impl Span {
 }
 
 /// Boxes around every node, edge and triangle on its way.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Boxes {
     nodes: Vec<Span>,
     edges: Vec<Span>,
@@ -74,7 +74,7 @@ impl Boxes {
 }
 
 /// Boxes over 2ᵏ × 2ᵏ blocks of cells, and the cells that come near each other.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Cells {
     /// Finest first; each level has half as many rows and columns.
     levels: Vec<Level>,
@@ -83,7 +83,7 @@ pub(crate) struct Cells {
     stack: Vec<(usize, [usize; 2], [usize; 2])>,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 struct Level {
     size: [usize; 2],
     boxes: Vec<Span>,
@@ -168,7 +168,7 @@ impl Cells {
 }
 
 /// What begins in a cell: its node, its edges and its triangles.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Parts {
     edges: Vec<Vec<u32>>,
     triangles: Vec<Vec<u32>>,

@@ -2,7 +2,8 @@
 
 use super::pair::Pair;
 use super::{GenericContact, is_usable, load, store};
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
+use orime_geometry::fit;
 
 /// Pairs that stay farther apart than this are no concern of the net, metres.
 const REACH_M: f64 = 5e-6;
@@ -41,6 +42,7 @@ impl GenericContact {
         }
         self.begin_step(from_m);
         load(&mut self.to, x_m, &self.origin_m);
+        self.carry_along();
         let mut clear = false;
         for _ in 0..ROUNDS {
             self.list_pairs(REACH_M);
@@ -60,6 +62,32 @@ impl GenericContact {
         }
         self.proven_m.copy_from_slice(x_m);
         report
+    }
+
+    /// As [`GenericContact::truncate`], where `x_m` crosses itself; else nothing is to be done.
+    pub fn catch(&mut self, from_m: &[[f32; 3]], x_m: &mut [[f32; 3]]) -> NetReport {
+        if self.is_free(x_m) {
+            return NetReport { armed: true, pairs: 0, blended: 0, share: 1.0 };
+        }
+        self.truncate(from_m, x_m)
+    }
+
+    /// Lets the sheet go along as a rigid body: on that way nothing meets, and what is shortened is
+    /// only what each part goes beyond it. Where nodes are held, nothing else may be carried.
+    fn carry_along(&mut self) {
+        if self.mobility.iter().any(|mobility| *mobility <= 0.0) {
+            return;
+        }
+        let [from, to] = &mut self.carried;
+        for (points, x) in [(&mut *from, &self.from), (&mut *to, &self.to)] {
+            points.clear();
+            points.extend(x.iter().copied().map(Point3::from));
+        }
+        if let Some(motion) = fit::rigid(from, to, |_| 1.0) {
+            for (carried, from) in self.from.iter_mut().zip(from) {
+                *carried = (motion * *from).coords;
+            }
+        }
     }
 
     /// Gives pairs that would meet their mean motion; how often.

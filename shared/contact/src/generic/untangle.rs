@@ -3,8 +3,11 @@
 use super::{GenericContact, is_usable, load, store};
 use nalgebra::Vector3;
 
-/// Ends nearer than this to a triangle's plane do not pierce it, metres.
+/// Ends nearer than this to a triangle's plane are not counted as a crossing, metres.
 const OFF_PLANE_M: f64 = 1e-6;
+/// What the net leaves pokes through by nothing at all: from there on the way deeper would be one
+/// away from the layer.
+const STRICTLY_M: f64 = 0.0;
 /// Rounds at most.
 const ROUNDS: u32 = 60;
 /// An end is pulled back by at most this at a time, metres.
@@ -24,7 +27,7 @@ pub struct UntangleReport {
 }
 
 /// An edge through a triangle.
-struct Piercing {
+pub(super) struct Piercing {
     /// The end on the shorter side.
     end: u32,
     /// Where, barycentric.
@@ -43,13 +46,20 @@ impl GenericContact {
         self.origin_m = Vector3::from(x_m[0]).cast();
         load(&mut self.to, x_m, &self.origin_m);
         let mut count = 0;
-        self.piercings(|_, _, _| count += 1);
+        self.piercings(OFF_PLANE_M, |_, _, _| count += 1);
         count
     }
 
-    /// Whether nothing crosses; what is not finite is not free. The next net may begin here.
+    /// Whether nothing crosses, be it by the last bit; what is not finite is not free. The next net
+    /// may begin here.
     pub(crate) fn is_free(&mut self, x_m: &[[f32; 3]]) -> bool {
-        let free = is_usable(x_m, self.from.len()) && self.crossings(x_m) == 0;
+        if !is_usable(x_m, self.from.len()) {
+            return false;
+        }
+        self.origin_m = Vector3::from(x_m[0]).cast();
+        load(&mut self.to, x_m, &self.origin_m);
+        let mut free = true;
+        self.piercings(STRICTLY_M, |_, _, _| free = false);
         if free {
             self.proven_m.copy_from_slice(x_m);
         }
@@ -66,7 +76,7 @@ impl GenericContact {
         let mut found: Vec<([u32; 2], [u32; 3])> = Vec::new();
         while report.crossings_after > 0 && report.rounds < ROUNDS {
             found.clear();
-            self.piercings(|edge, triangle, _| found.push((edge, triangle)));
+            self.piercings(OFF_PLANE_M, |edge, triangle, _| found.push((edge, triangle)));
             report.crossings_after = found.len() as u32;
             report.rounds += 1;
             for (edge, triangle) in &found {
@@ -82,7 +92,7 @@ impl GenericContact {
 
     /// Pulls the shorter end of an edge back, if it still pierces the triangle.
     fn pull_back(&mut self, edge: [u32; 2], triangle: [u32; 3]) {
-        let Some(piercing) = pierce(edge, triangle, &self.to) else { return };
+        let Some(piercing) = pierce(edge, triangle, &self.to, OFF_PLANE_M) else { return };
         let Piercing { end, weights, back } = piercing;
         let nodes = [end, triangle[0], triangle[1], triangle[2]];
         let weights = [1.0, -weights[0], -weights[1], -weights[2]];
@@ -91,16 +101,18 @@ impl GenericContact {
         crate::push::weighted_push(&mut self.to, &self.mobility, &nodes, &weights, push);
     }
 
-    /// All crossings of `to`, in a fixed order.
-    fn piercings(&mut self, mut found: impl FnMut([u32; 2], [u32; 3], Piercing)) {
-        let Self { mesh, parts, cells, to, .. } = self;
+    /// All crossings of `to` with ends so far off the triangle's plane, in a fixed order.
+    fn piercings(&mut self, off_plane_m: f64, mut found: impl FnMut([u32; 2], [u32; 3], Piercing)) {
+        let Self { mesh, parts, cells, quads, to, .. } = self;
         cells.find(mesh, to, to, 0.0);
+        quads.fill(to);
+        cells.near.retain(|near| !quads.are_parted(*near));
         cells.near.sort_unstable();
         for near in &cells.near {
             parts.piercings(mesh, *near, |edge, triangle| {
                 let (edge, triangle) =
                     (mesh.edges[edge as usize], mesh.triangles[triangle as usize]);
-                if let Some(piercing) = pierce(edge, triangle, to) {
+                if let Some(piercing) = pierce(edge, triangle, to, off_plane_m) {
                     found(edge, triangle, piercing);
                 }
             });
@@ -108,7 +120,12 @@ impl GenericContact {
     }
 }
 
-fn pierce(edge: [u32; 2], triangle: [u32; 3], x: &[Vector3<f64>]) -> Option<Piercing> {
+pub(super) fn pierce(
+    edge: [u32; 2],
+    triangle: [u32; 3],
+    x: &[Vector3<f64>],
+    off_plane_m: f64,
+) -> Option<Piercing> {
     let ([p, q], [a, b, c]) = (edge.map(|n| x[n as usize]), triangle.map(|n| x[n as usize]));
     let (e, f) = (b - a, c - a);
     let normal = e.cross(&f);
@@ -118,7 +135,7 @@ fn pierce(edge: [u32; 2], triangle: [u32; 3], x: &[Vector3<f64>]) -> Option<Pier
     }
     let normal = normal / double_area;
     let (over, under) = (normal.dot(&(p - a)), normal.dot(&(q - a)));
-    if over * under >= 0.0 || over.abs().min(under.abs()) < OFF_PLANE_M {
+    if over * under >= 0.0 || over.abs().min(under.abs()) < off_plane_m {
         return None;
     }
     let r = p + (q - p) * (over / (over - under)) - a;

@@ -1,6 +1,7 @@
 //! The generic contact and its net on shapes that know no facets.
 
 use super::scene::{SIDE_M, Scene, config, mean_distance_m, paper};
+use nalgebra::{Isometry3, Point3, Vector3};
 use orime_contact::GenericContact;
 use orime_evaluate::scores::folded::self_intersections;
 use orime_geometry::SheetGrid;
@@ -162,4 +163,59 @@ fn layers_that_are_too_near_part_to_the_thickness_and_friction_holds_them() {
     };
     let (free, held) = (slid_m(0.0), slid_m(1.0));
     assert!((free - 1e-5).abs() < 2e-6 && held < 0.5 * free, "{free} {held}");
+}
+
+/// A corner of a shut flap pokes through the lower layer, by this much.
+fn poking(scene: &mut Scene, deep_m: f32) -> Vec<[f32; 3]> {
+    let mut x = scene.truth_m(112);
+    let corner = |n: &u32| n % 25 < 2 && scene.folds.members(1).contains(n);
+    let tip = (0..625).filter(corner).min_by_key(|n| (n / 25).min(24 - n / 25)).unwrap();
+    for n in [tip, tip + 1] {
+        let p = x[n as usize];
+        x[n as usize] = [p[0] + 1e-3, p[1] + 1e-3, -deep_m];
+    }
+    x
+}
+
+#[test]
+fn what_is_caught_does_not_poke_through_by_the_last_bits_either() {
+    // Two layers 20 µm apart; one node of the upper one this far under the lower one.
+    let sheet = SheetGrid::new([0.1, 0.04], [11, 5]);
+    let poking = |deep_m: f64| -> Vec<[f32; 3]> {
+        let fold = |(n, [u, v]): (usize, [f64; 2])| {
+            let over = [0.103 - u, v + 0.001, if n == 8 * 5 + 2 { -deep_m } else { 2e-5 }];
+            if u < 0.055 { [u, v, 0.0] } else { over }
+        };
+        sheet.uv_m().enumerate().map(|node| fold(node).map(|c| c as f32)).collect()
+    };
+    let mut contact = GenericContact::new(&config(), &sheet);
+    let barely = poking(4e-7);
+    assert_eq!(contact.crossings(&barely), 0, "nobody counts that");
+    let from = poking(-1e-5);
+    let mut x = barely.clone();
+    assert!(contact.catch(&from, &mut x).blended > 0, "but the net does");
+    let mut again = x.clone();
+    assert_eq!(contact.catch(&from, &mut again).pairs, 0, "nothing is left of it");
+    assert_eq!(again, x);
+    assert!(mean_distance_m(&x, &barely) < 1e-6);
+}
+
+#[test]
+fn a_stack_that_turns_takes_along_what_is_held_back() {
+    let line = FoldLine::book([SIDE_M; 2]);
+    let mut scene = Scene::new(Sequence::half_fold(paper(), line, Timing::default()).unwrap());
+    let from = scene.truth_m(112);
+    let through = poking(&mut scene, 3e-3);
+    let mut contact = GenericContact::new(&config(), &scene.sheet);
+    let mut still = through.clone();
+    assert!(contact.catch(&from, &mut still).blended > 0);
+    let motion = Isometry3::new(Vector3::new(0.1, 0.0, 0.05), Vector3::new(0.2, 0.5, -0.3));
+    let moved = |x: &[[f32; 3]]| -> Vec<[f32; 3]> {
+        x.iter().map(|p| (motion * Point3::from(*p).cast::<f64>()).cast::<f32>().into()).collect()
+    };
+    let mut turned = moved(&through);
+    assert!(contact.catch(&from, &mut turned).blended > 0);
+    assert_eq!(self_intersections(&turned, &scene.sheet.triangles()), 0);
+    let apart_m = mean_distance_m(&turned, &moved(&still));
+    assert!(apart_m < 1e-6, "{apart_m} m from the same in a stack that lies");
 }

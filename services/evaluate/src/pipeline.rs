@@ -7,7 +7,9 @@ use orime_geometry::{
 };
 use orime_register::{Observation, RegisterConfig, RegisterReport, Registrar, Tracking};
 use orime_segment::{ObservedMut, SegmentConfig, SegmentReport, Segmenter};
-use orime_simulate::{Grip, ModelReport, PlanLog, PlannedLine, SheetModel, SimulateConfig};
+use orime_simulate::{
+    Grip, ModelReport, NewPose, PlanLog, PlannedLine, SheetModel, SimulateConfig,
+};
 use std::time::Instant;
 
 use crate::summary::StageMs;
@@ -211,7 +213,12 @@ impl Pipeline {
         self.has_pose |= register.reset;
         if self.has_pose {
             let (targets_m, confidence) = (&self.targets_m, &self.confidence);
-            self.model_report = self.model.step(dt_s, targets_m, confidence, register.reset);
+            let pose = match (register.reset, register.moved) {
+                (true, true) => NewPose::Moved,
+                (true, false) => NewPose::Fresh,
+                (false, _) => NewPose::None,
+            };
+            self.model_report = self.model.step_from(dt_s, targets_m, confidence, pose);
         }
     }
 

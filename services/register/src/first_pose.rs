@@ -9,6 +9,8 @@ use orime_geometry::{ObservedPoint, SheetGrid, fit::Plane};
 
 /// Points used at most; more are thinned evenly.
 const POINTS_MAX: usize = 1500;
+/// The same, for a folded sheet.
+const FOLDED_POINTS_MAX: usize = 250;
 /// Stretches along each side, in which the outermost point is looked up.
 const BINS: usize = 16;
 
@@ -224,6 +226,14 @@ pub(crate) fn template_pose(
     let step = cloud.len().div_ceil(POINTS_MAX / 2).max(1);
     let points: Vec<ObservedPoint> = cloud.iter().step_by(step).copied().collect();
     crate::align::iterated_closest_points(&points, template_m)
+}
+
+/// A folded sheet's pose on the cloud, as it was folded: as [`template_pose`], with fewer points,
+/// for a sheet that is lost asks for it in every frame.
+pub(crate) fn folded_pose(cloud: &[ObservedPoint], folded_m: &[[f32; 3]]) -> Option<Vec<[f32; 3]>> {
+    let step = cloud.len().div_ceil(FOLDED_POINTS_MAX).max(1);
+    let points: Vec<ObservedPoint> = cloud.iter().step_by(step).copied().collect();
+    crate::align::iterated_closest_points(&points, folded_m)
 }
 
 /// Whether a pose is finite and not absurdly far from the cloud.

@@ -59,6 +59,8 @@ pub struct RegisterReport {
     pub tracking: Tracking,
     /// Whether the targets are a new pose for *every* node, to be taken over at once.
     pub reset: bool,
+    /// Whether that pose is the sheet's as it was folded, elsewhere: its folds are to be kept.
+    pub moved: bool,
     /// Iterations of expectation maximisation.
     pub iterations: u32,
     /// Standard deviation of the mixture at the end, metres.
@@ -75,6 +77,21 @@ pub struct RegisterReport {
 
 /// A pose must beat the current one by this much to replace it: a jump is never taken for noise.
 const BETTER_BY: f64 = 0.1;
+
+/// The sheet as it was expected when it was last followed.
+#[derive(Debug, Clone, Default)]
+struct Followed {
+    nodes_m: Vec<[f32; 3]>,
+    facets: usize,
+}
+
+impl Followed {
+    /// A folded sheet where the cloud is, unless its folds are forgotten.
+    fn elsewhere(&self, cloud: &[ObservedPoint], facets: usize) -> Option<Vec<[f32; 3]>> {
+        let is_folded = self.facets > 1 && self.facets == facets;
+        is_folded.then(|| first_pose::folded_pose(cloud, &self.nodes_m)).flatten()
+    }
+}
 
 /// Registers the sheet to one cloud after the other.
 #[derive(Debug, Clone)]
@@ -95,6 +112,7 @@ pub struct Registrar {
     words: Vec<Word>,
     points: Vec<ObservedPoint>,
     nodes_m: Vec<[f32; 3]>,
+    followed: Followed,
     has_pose: bool,
     /// Share of the contour that the border has lately explained.
     outlined_usual: f64,
@@ -158,6 +176,7 @@ impl Registrar {
             words: Vec::new(),
             points: Vec::new(),
             nodes_m: flat,
+            followed: Followed::default(),
             has_pose: false,
             outlined_usual: 0.0,
             strain_usual: 0.0,
@@ -262,7 +281,8 @@ impl Registrar {
         let explains =
             |score: &Score| score.explained >= explained_min && score.outlined >= outlined_min;
         if !tracked.as_ref().is_some_and(|(_, score)| explains(score)) {
-            self.try_fresh_pose(known, &mut tracked, &mut report);
+            let facets = observed.folds.map_or(1, |folds| folds.facets().len());
+            self.try_other_poses(known, facets, &mut tracked, &mut report);
         }
         let Some((fit, score)) = tracked else {
             report.tracking = Tracking::Searching;
@@ -286,6 +306,11 @@ impl Registrar {
         } else {
             Tracking::Lost
         };
+        if let (Tracking::Tracking, false, Some(known)) = (report.tracking, report.reset, known) {
+            self.followed.facets = observed.folds.map_or(1, |folds| folds.facets().len());
+            self.followed.nodes_m.clear();
+            self.followed.nodes_m.extend_from_slice(known);
+        }
         if fit.iterations > 0 {
             targets_m[..self.nodes_m.len()].copy_from_slice(&self.nodes_m);
             if report.reset || !self.params.visibility {
@@ -390,38 +415,47 @@ impl Registrar {
         Score::of(mixture, outline, &self.nodes_m, &self.cloud, side_m)
     }
 
-    /// Looks for a pose in the cloud alone and takes it if it explains clearly more.
-    fn try_fresh_pose(
+    /// Looks for other poses, that of the folded sheet elsewhere and one in the cloud alone, and
+    /// takes what explains clearly more.
+    fn try_other_poses(
         &mut self,
         known: Option<&[[f32; 3]]>,
+        facets: usize,
         tracked: &mut Option<(TrackReport, Score)>,
         report: &mut RegisterReport,
     ) {
-        let kept = self.nodes_m.clone();
-        let found = match &self.template_m {
-            Some(template) => first_pose::template_pose(&self.points, template),
-            None => first_pose::flat_pose(&self.points, &self.sheet, known),
-        };
-        let Some(pose) = found.filter(|pose| first_pose::is_sane(pose, &self.points)) else {
-            return;
-        };
-        self.nodes_m = pose;
-        self.tracker.forget();
-        self.tracker.forget_visibility();
-        // A pose that was lost is worth more than being in time.
-        let iterations_max = self.params.iterations_max;
-        let fit = self.tracker.track(&self.cloud, &mut self.nodes_m, iterations_max, &|| false);
-        let score = self.score();
-        let clearly_better = match tracked {
-            Some((_, current)) => score.value() > current.value() + BETTER_BY,
-            None => score.explained >= 0.5,
-        };
-        if clearly_better && fit.iterations > 0 {
-            *tracked = Some((fit, score));
-            report.reset = true;
-        } else {
-            self.nodes_m = kept;
+        let mut taken = self.nodes_m.clone();
+        for moved in [true, false] {
+            let found = if moved {
+                self.followed.elsewhere(&self.points, facets)
+            } else {
+                match &self.template_m {
+                    Some(template) => first_pose::template_pose(&self.points, template),
+                    None => first_pose::flat_pose(&self.points, &self.sheet, known),
+                }
+            };
+            let Some(pose) = found.filter(|pose| first_pose::is_sane(pose, &self.points)) else {
+                continue;
+            };
+            self.nodes_m.clone_from(&pose);
+            self.tracker.forget();
+            self.tracker.forget_visibility();
+            // A pose that was lost is worth more than being in time.
+            let iterations_max = self.params.iterations_max;
+            let fit = self.tracker.track(&self.cloud, &mut self.nodes_m, iterations_max, &|| false);
+            let score = self.score();
+            let is_clearly_better = match tracked {
+                Some((_, current)) => score.value() > current.value() + BETTER_BY,
+                None => score.explained >= 0.5,
+            };
+            if is_clearly_better && fit.iterations > 0 {
+                *tracked = Some((fit, score));
+                (report.reset, report.moved) = (true, moved);
+                // As it was folded its layers are apart.
+                taken.clone_from(if moved { &pose } else { &self.nodes_m });
+            }
         }
+        self.nodes_m = taken;
     }
 
     /// Takes the target from every node that is no control point.

@@ -223,7 +223,7 @@ impl Register {
 fn figures(report: &RegisterReport) -> RegisterFigures {
     RegisterFigures {
         tracking: report.tracking as u32,
-        reset: u32::from(report.reset),
+        reset: u32::from(report.reset) + u32::from(report.moved),
         iterations: report.iterations,
         sigma_m: report.sigma_m,
         inlier_ratio: report.inlier_ratio,

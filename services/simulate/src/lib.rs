@@ -24,7 +24,7 @@ pub use effect::{Effect, Effects};
 #[cfg(feature = "gpu")]
 pub use gpu::{GpuError, Path};
 pub use grips::{Grip, GripLog};
-pub use model::{ModelReport, SheetModel};
+pub use model::{ModelReport, NewPose, SheetModel};
 pub use params::{
     AirDragParams, Backend, BendKind, BendParams, ComplianceParams, CreaseKind, CreaseParams,
     DampingKind, DampingParams, FacetsParams, GravityParams, GrippersParams, PredictParams,

@@ -51,6 +51,17 @@ impl Layers {
     }
 }
 
+/// Whether targets are a pose to be taken over at once.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum NewPose {
+    /// They are not: the sheet moves towards them.
+    None,
+    /// The folded sheet, elsewhere: its folds are kept.
+    Moved,
+    /// Any pose: what was known of folds is forgotten.
+    Fresh,
+}
+
 /// The followed sheet.
 #[derive(Debug, Clone)]
 pub struct SheetModel {
@@ -123,11 +134,25 @@ impl SheetModel {
         confidence: &[f32],
         reset: bool,
     ) -> ModelReport {
+        let pose = if reset { NewPose::Fresh } else { NewPose::None };
+        self.step_from(dt_s, targets_m, confidence, pose)
+    }
+
+    /// As [`SheetModel::step`], where the targets may also be the pose of the sheet as it is
+    /// folded, elsewhere.
+    pub fn step_from(
+        &mut self,
+        dt_s: f64,
+        targets_m: &[[f32; 3]],
+        confidence: &[f32],
+        pose: NewPose,
+    ) -> ModelReport {
+        let reset = pose != NewPose::None;
         let mut report = ModelReport::default();
         self.align(targets_m, confidence);
         let aligned_m = std::mem::take(&mut self.aligned_m);
         let targets_m = aligned_m.as_slice();
-        if reset {
+        if pose == NewPose::Fresh {
             self.finder.reset();
         }
         report.refolded = self.finder.step(targets_m, confidence);
@@ -320,6 +345,28 @@ mod tests {
             let below = sheet.index(24 - n / 25, n % 25);
             let [above_m, below_m] = [n, below].map(|k| model.positions_m()[k][2]);
             assert!(above_m > below_m, "{uv:?}: {above_m} m over {below_m} m");
+        }
+    }
+
+    #[test]
+    fn a_folded_sheet_that_is_found_elsewhere_keeps_its_folds_and_a_fresh_pose_has_none() {
+        let (mut model, sheet) = model();
+        let sure = vec![1.0; sheet.len()];
+        for degree in 0..=120 {
+            let targets = folded(&sheet, f64::from(degree).to_radians());
+            model.step(1.0 / 30.0, &targets, &sure, degree == 0);
+        }
+        assert_eq!(model.folds().creases().len(), 1);
+        let away = |x: &[f32; 3]| [x[0] + 0.2, x[1] - 0.1, x[2] + 0.05];
+        let elsewhere: Vec<[f32; 3]> = model.positions_m().iter().map(away).collect();
+        for (pose, creases) in [(NewPose::Moved, 1), (NewPose::Fresh, 0)] {
+            let mut model = model.clone();
+            let report = model.step_from(1.0 / 30.0, &elsewhere, &sure, pose);
+            assert_eq!(model.folds().creases().len(), creases, "{pose:?}");
+            assert_eq!(report.net, None, "{pose:?}: there is no way from where it was");
+            let is_there =
+                |(a, b): (&[f32; 3], &[f32; 3])| (0..3).all(|k| (a[k] - b[k]).abs() < 1e-6);
+            assert!(model.positions_m().iter().zip(&elsewhere).all(is_there), "{pose:?}");
         }
     }
 

@@ -14,8 +14,8 @@ use orime_runtime::{
     now_ns,
 };
 use orime_simulate::{
-    Effect, Effects, Grip, GripLog, PlanLog, PlannedLine, SheetModel, SimulateParams, Simulator,
-    frame_s,
+    Effect, Effects, Grip, GripLog, NewPose, PlanLog, PlannedLine, SheetModel, SimulateParams,
+    Simulator, frame_s,
 };
 use std::time::Duration;
 
@@ -220,7 +220,13 @@ impl Simulate {
         self.hear_plans(targets.header.exposure_ns)?;
         // Targets of a sheet that is followed are a pose, where there is none to move towards it.
         let is_pose = targets.figures.tracking == TRACKING;
-        let reset = targets.figures.reset != 0 || (self.takes_over && is_pose);
+        let takes_over = self.takes_over && is_pose;
+        let pose = match targets.figures.reset {
+            2 if self.has_pose => NewPose::Moved,
+            0 if !takes_over => NewPose::None,
+            _ => NewPose::Fresh,
+        };
+        let reset = pose != NewPose::None;
         self.takes_over &= !reset;
         self.has_pose |= reset;
         let (model, sheet, has_pose) = (&mut self.model, &self.sheet, self.has_pose);
@@ -238,7 +244,7 @@ impl Simulate {
             // Before the first pose there is nothing to simulate, but the loop goes on.
             if has_pose {
                 let (targets_m, confidence) = (targets.targets_m(), targets.confidence());
-                let report = model.step(dt_s, targets_m, confidence, reset);
+                let report = model.step_from(dt_s, targets_m, confidence, pose);
                 state.targets_rejected = report.simulate.targets_rejected;
                 work.effects_asleep = report.slept.bits();
             }

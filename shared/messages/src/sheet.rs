@@ -11,7 +11,8 @@ use crate::{Header, layout, message};
 pub struct RegisterFigures {
     /// 0 searching, 1 tracking, 2 coasting, 3 lost.
     pub tracking: u32,
-    /// 1 where the targets are a new pose for every node, to be taken over at once.
+    /// 1 where the targets are a new pose for every node, to be taken over at once; 2 where that
+    /// pose is the folded sheet's elsewhere, which keeps its folds.
     pub reset: u32,
     /// Iterations of expectation maximisation.
     pub iterations: u32,

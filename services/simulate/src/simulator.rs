@@ -11,7 +11,7 @@ use crate::contact::{ContactPass, Part};
 use crate::effect::{Effect, Effects};
 use crate::grips::Grip;
 use crate::params::{SimulateConfig, SimulateParams};
-use crate::place::is_place;
+use crate::place::{is_inverse_mass, is_place};
 use crate::solver::links::{Colour, facets_of_place};
 use crate::solver::{Hooks, Rates, Solver, Stencils, Targets};
 pub use batch::Batch;
@@ -150,10 +150,10 @@ impl Simulator {
     }
 
     /// Sets inverse masses per node in units of an ordinary one's, index order. 0 pins a node,
-    /// 1 is ordinary; nothing else than finite, positive numbers and 0 is taken.
+    /// 1 is ordinary; nothing else than 0 and 1e-6 to 1e6 is taken.
     pub fn set_inverse_masses(&mut self, weights: &[f32]) -> bool {
         let good = weights.len() == self.world.len()
-            && weights.iter().all(|weight| *weight >= 0.0 && weight.is_finite());
+            && weights.iter().all(|weight| is_inverse_mass(*weight));
         if good {
             self.solver.set_weights(weights);
             self.rest.wake();

@@ -1,9 +1,10 @@
 //! The state never passes through itself, whatever its targets do.
 
 use orime_contact::{ContactParams, GenericContact};
+use orime_creases::CreaseMode;
 use orime_geometry::SheetGrid;
 use orime_origami::{Sequence, Sheet};
-use orime_simulate::{SheetModel, SimulateParams};
+use orime_simulate::{Effect, SheetModel, SimulateParams};
 
 const SIDE_M: f64 = 0.15;
 const FRAME_S: f64 = 1.0 / 30.0;
@@ -39,7 +40,35 @@ fn targets_that_cross_make_no_state_that_does() {
         assert!(report.net.is_none_or(|net| net.armed), "frame {frame}: {report:?}");
         assert_eq!(judge.crossings(model.positions_m()), 0, "frame {frame}: {report:?}");
     }
-    println!("{crossing_targets} {caught}");
     assert!(model.folds().facets().len() > 3, "it was folded");
     assert!(crossing_targets > 100 && caught > 0, "{crossing_targets} crossed, {caught} caught");
+}
+
+#[test]
+fn a_sheet_without_creases_does_not_pass_through_itself_either() {
+    let sheet = SheetGrid::new([SIDE_M; 2], [25, 25]);
+    let mut params = SimulateParams::default();
+    params.folds.mode = CreaseMode::Off;
+    let config = params.check().unwrap();
+    let mut model = SheetModel::new(&config, &sheet, 0.08, None);
+    let mut judge = GenericContact::new(&ContactParams::default().check().unwrap(), &sheet);
+    let sure = vec![1.0; sheet.len()];
+    // One side is rolled up, over the rest and through it.
+    let rolled = |frame: u32, [u, v]: [f64; 2]| {
+        let turn = 0.08 * f64::from(frame) * (u / SIDE_M).powi(2);
+        let (sin, cos) = turn.sin_cos();
+        [0.075 + (u - 0.075) * cos, v, (u - 0.075) * sin].map(|c| c as f32)
+    };
+    let (mut crossing_targets, mut caught) = (0, 0);
+    for frame in 0..90 {
+        let targets: Vec<[f32; 3]> = sheet.uv_m().map(|uv| rolled(frame, uv)).collect();
+        let report = model.step(FRAME_S, &targets, &sure, frame == 0);
+        crossing_targets += u32::from(judge.crossings(&targets) > 0);
+        let is_caught = report.net.is_some_and(|net| net.blended > 0);
+        caught += u32::from(is_caught);
+        assert_eq!(report.slept.contains(Effect::SelfContact), !is_caught);
+        assert_eq!(judge.crossings(model.positions_m()), 0, "frame {frame}: {report:?}");
+    }
+    assert_eq!(model.folds().facets().len(), 1);
+    assert!(crossing_targets > 10 && caught > 0, "{crossing_targets} crossed, {caught} caught");
 }

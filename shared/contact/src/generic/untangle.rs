@@ -1,6 +1,7 @@
 //! Crossings, and a start that has some.
 
 use super::{GenericContact, is_usable, load, store};
+use crate::mesh::Mesh;
 use nalgebra::Vector3;
 
 /// Ends nearer than this to a triangle's plane are not counted as a crossing, metres.
@@ -8,6 +9,8 @@ const OFF_PLANE_M: f64 = 1e-6;
 /// What the net leaves pokes through by nothing at all: from there on the way deeper would be one
 /// away from the layer.
 const STRICTLY_M: f64 = 0.0;
+/// Cosine of 60°.
+const COSINE_MIN: f64 = 0.5;
 /// Rounds at most.
 const ROUNDS: u32 = 60;
 /// An end is pulled back by at most this at a time, metres.
@@ -59,7 +62,9 @@ impl GenericContact {
         self.origin_m = Vector3::from(x_m[0]).cast();
         load(&mut self.to, x_m, &self.origin_m);
         let mut free = true;
-        self.piercings(STRICTLY_M, |_, _, _| free = false);
+        if !is_gently_bent(&self.mesh, &self.to) {
+            self.piercings(STRICTLY_M, |_, _, _| free = false);
+        }
         if free {
             self.proven_m.copy_from_slice(x_m);
         }
@@ -118,6 +123,24 @@ impl GenericContact {
             });
         }
     }
+}
+
+/// Whether all normals lie within 60° of their mean: then paper cannot meet itself. Of what does
+/// not stretch, a cone wraps farthest with such normals, and comes round once where it takes 180°
+/// of paper about its tip: as much as there is at a side; inside, a tip is no place of paper.
+fn is_gently_bent(mesh: &Mesh, x: &[Vector3<f64>]) -> bool {
+    let normals = || {
+        mesh.triangles.iter().map(|nodes| {
+            let [a, b, c] = nodes.map(|n| x[n as usize]);
+            (b - a).cross(&(c - a))
+        })
+    };
+    let mean = normals().sum::<Vector3<f64>>();
+    let length2 = mean.norm_squared();
+    normals().all(|normal| {
+        let along = normal.dot(&mean);
+        along > 0.0 && along * along > COSINE_MIN.powi(2) * normal.norm_squared() * length2
+    })
 }
 
 pub(super) fn pierce(

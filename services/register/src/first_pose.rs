@@ -223,17 +223,22 @@ pub(crate) fn template_pose(
     cloud: &[ObservedPoint],
     template_m: &[[f32; 3]],
 ) -> Option<Vec<[f32; 3]>> {
-    let step = cloud.len().div_ceil(POINTS_MAX / 2).max(1);
-    let points: Vec<ObservedPoint> = cloud.iter().step_by(step).copied().collect();
-    crate::align::iterated_closest_points(&points, template_m)
+    shape_pose(cloud, template_m, POINTS_MAX / 2)
 }
 
-/// A folded sheet's pose on the cloud, as it was folded: as [`template_pose`], with fewer points,
-/// for a sheet that is lost asks for it in every frame.
+/// The same of a folded sheet, as it was folded; fewer points, for a lost one asks in every frame.
 pub(crate) fn folded_pose(cloud: &[ObservedPoint], folded_m: &[[f32; 3]]) -> Option<Vec<[f32; 3]>> {
-    let step = cloud.len().div_ceil(FOLDED_POINTS_MAX).max(1);
+    shape_pose(cloud, folded_m, FOLDED_POINTS_MAX)
+}
+
+fn shape_pose(
+    cloud: &[ObservedPoint],
+    shape_m: &[[f32; 3]],
+    points_max: usize,
+) -> Option<Vec<[f32; 3]>> {
+    let step = cloud.len().div_ceil(points_max).max(1);
     let points: Vec<ObservedPoint> = cloud.iter().step_by(step).copied().collect();
-    crate::align::iterated_closest_points(&points, folded_m)
+    crate::align::iterated_closest_points(&points, shape_m)
 }
 
 /// Whether a pose is finite and not absurdly far from the cloud.

@@ -40,8 +40,7 @@ pub struct ModelReport {
 struct Layers {
     /// Puts facets in their order.
     order: FacetContact,
-    /// Holds back what crosses all the same: targets pull harder than contact in some frames, and
-    /// a new crease has no order yet.
+    /// Holds back what crosses all the same, also where contact by order has settled.
     net: GenericContact,
 }
 

@@ -223,7 +223,7 @@ pub fn effects_off(_seed: u64) -> Vec<Outcome> {
     let each = |effect: Effect| {
         let effects: Vec<Effect> = base.iter().copied().chain([effect]).collect();
         // Frame by frame in turn, for what else the machine does slows both; and several of each,
-        // for where their memory happens to lie does up to a third.
+        // for now and then one is slower than its like in all its frames, by up to a third.
         let mut pairs: Vec<_> = (0..6).map(|_| [with(&base), with(&effects)]).collect();
         let mut least_s = [f64::INFINITY; 2];
         for frame in 0..60usize {

@@ -9,8 +9,7 @@ use crate::gap::Gaps;
 use crate::near::Near;
 use crate::order::Order;
 use crate::pose::Pose;
-use crate::push::{ROUNDING_M, Worst, weighted_push};
-use crate::runs::{Contact, Room};
+use crate::runs::Contact;
 
 /// Edges farther than this from the other facet's plane, on one side, are no contact, metres.
 const REACH_M: f64 = 3e-3;
@@ -33,6 +32,8 @@ pub(crate) struct EdgeEdge {
     facets: [u8; 2],
     sign: f64,
     gap_m: f64,
+    /// Where they crossed, as shares of their lengths.
+    at: [f64; 2],
 }
 
 /// What a round needs to find them.
@@ -135,22 +136,14 @@ impl<'a, T: Copy + Default> Kept<'a, T> {
     }
 }
 
-/// No crossing of two segments is less high than this, in the direction of `sign`, metres.
-fn least_height_m([a, b]: [f64; 2], [c, d]: [f64; 2], sign: f64) -> f64 {
-    let [a, b, c, d] = [a, b, c, d].map(|height_m| sign * height_m);
-    let ([low, high], [other_low, other_high]) = (ordered(a, b), ordered(c, d));
-    // A little may lie outside of the ends, and rounding.
-    let outside_m = 2.0 * OUTSIDE * (high - low + other_high - other_low) + ROUNDING_M;
-    low - other_high - outside_m
-}
-
 impl Pair<'_> {
     fn clear_m(&self, edge: u32) -> f64 {
         if self.search.gaps.topology.ends[edge as usize] { CLEAR_M } else { CLEAR_INSIDE_M }
     }
 
     fn ends(&self, edge: u32) -> [[f64; 3]; 2] {
-        self.search.gaps.topology.mesh.edges[edge as usize].map(|n| self.local[n as usize])
+        let [a, b] = self.search.gaps.topology.mesh.edges[edge as usize];
+        [self.local[a as usize], self.local[b as usize]]
     }
 
     /// Candidates that lie over each other and are not clear of each other by their heights alone.
@@ -216,6 +209,7 @@ impl Pair<'_> {
                 facets: [self.f as u8, self.g as u8],
                 sign: self.sign,
                 gap_m,
+                at: *at,
             });
         }
     }
@@ -230,34 +224,29 @@ impl Contact for EdgeEdge {
         self.nodes
     }
 
-    fn is_clear(&self, heights_m: &[f64]) -> bool {
-        let [p, q, r, s] = self.nodes.map(|n| heights_m[n as usize]);
-        least_height_m([p, q], [r, s], self.sign) > self.gap_m
+    fn gap_m(&self) -> f64 {
+        self.gap_m
     }
 
-    fn solve(&self, room: &mut Room<'_>, worst: &mut Worst) -> bool {
-        let normal = &room.poses[usize::from(self.facets[1])].normal;
-        let [p, q, r, s] = self.nodes.map(|n| room.x[n as usize]);
-        // p + a·e − r − b·f = h·n
-        let (e, f, from) = (q - p, s - r, r - p);
-        let across = f.cross(normal);
-        let det = e.dot(&across);
-        if det.is_nan() || det.abs() <= PARALLEL_SOLVED * room.flat_m2 {
-            return false;
-        }
-        let a = from.dot(&across) / det;
-        let b = -e.dot(&from.cross(normal)) / det;
-        let on = -OUTSIDE..=1.0 + OUTSIDE;
-        if !(on.contains(&a) && on.contains(&b)) {
-            return false;
-        }
-        let height_m = self.sign * (e * a - f * b - from).dot(normal);
-        if height_m >= self.gap_m {
-            return false;
-        }
-        worst.note(self.gap_m, height_m);
-        let push = normal * (self.sign * (self.gap_m - height_m));
-        weighted_push(room.x, room.mobility, &self.nodes, &[1.0 - a, a, b - 1.0, -b], push);
-        true
+    fn weights(&self) -> [f64; 4] {
+        weights(self.sign, self.at)
     }
+
+    fn weigh(&self, [p, q, r, s]: [[f64; 2]; 4], flat_m2: f64) -> Option<[f64; 4]> {
+        // p + a·e = r + b·f
+        let [e, f, from] = [[p, q], [r, s], [p, r]].map(|[a, b]| [b[0] - a[0], b[1] - a[1]]);
+        let cross = |[a, b]: [f64; 2], [c, d]: [f64; 2]| a * d - b * c;
+        let det = cross(e, f);
+        if det.is_nan() || det.abs() <= PARALLEL_SOLVED * flat_m2 {
+            return None;
+        }
+        let at = [cross(from, f) / det, cross(from, e) / det];
+        let on = -OUTSIDE..=1.0 + OUTSIDE;
+        at.iter().all(|at| on.contains(at)).then(|| weights(self.sign, at))
+    }
+}
+
+/// Weights of the ends' heights: the first edge's height over the second's where they cross.
+fn weights(sign: f64, [a, b]: [f64; 2]) -> [f64; 4] {
+    [1.0 - a, a, b - 1.0, -b].map(|weight| sign * weight)
 }

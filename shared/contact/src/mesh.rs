@@ -21,6 +21,10 @@ pub(crate) struct Mesh {
     /// Rest length of each edge, metres.
     pub rest_m: Vec<f64>,
     pub uv_m: Vec<[f64; 2]>,
+    /// Sides of a cell at rest, metres.
+    spacing_m: [f64; 2],
+    /// Twice the area of a triangle at rest, m².
+    pub double_area_m2: f64,
     /// The longer side of a cell at rest, metres.
     pub spacing_max_m: f64,
 }
@@ -47,6 +51,8 @@ impl Mesh {
             edges_from: Vec::new(),
             rest_m: Vec::new(),
             uv_m,
+            spacing_m: sheet.spacing_m(),
+            double_area_m2: sheet.spacing_m().into_iter().product(),
             spacing_max_m: sheet.spacing_m().into_iter().fold(0.0, f64::max),
         };
         for same in sides.chunk_by(|a, b| a.0 == b.0) {
@@ -65,20 +71,13 @@ impl Mesh {
         mesh
     }
 
-    /// Twice the area of a triangle at rest, m².
-    pub fn double_area_m2(&self) -> f64 {
-        let [a, b] = self.sheet.spacing_m();
-        a * b
-    }
-
     /// The cell that holds a material point, clamped to the sheet.
     pub fn cell(&self, uv_m: [f64; 2]) -> [usize; 2] {
-        let h = self.sheet.spacing_m();
-        [0, 1].map(|axis| {
-            let last = self.sheet.nodes[axis] - 2;
-            // The cast cuts off; NaN and negatives go to 0.
-            ((uv_m[axis] / h[axis]) as usize).min(last)
-        })
+        let nodes = self.sheet.nodes;
+        // The cast cuts off; NaN and negatives go to 0.
+        let cell =
+            |axis: usize| ((uv_m[axis] / self.spacing_m[axis]) as usize).min(nodes[axis] - 2);
+        [cell(0), cell(1)]
     }
 
     /// The two triangles of a cell.
@@ -89,7 +88,8 @@ impl Mesh {
 
     /// Barycentric weights of a material point in a triangle, at rest.
     pub fn weights(&self, triangle: usize, uv_m: [f64; 2]) -> [f64; 3] {
-        let [a, b, c] = self.triangles[triangle].map(|n| self.uv_m[n as usize]);
+        let [a, b, c] = self.triangles[triangle];
+        let [a, b, c] = [self.uv_m[a as usize], self.uv_m[b as usize], self.uv_m[c as usize]];
         let (e, f) = ([b[0] - a[0], b[1] - a[1]], [c[0] - a[0], c[1] - a[1]]);
         let d = [uv_m[0] - a[0], uv_m[1] - a[1]];
         let double_area = e[0] * f[1] - e[1] * f[0];

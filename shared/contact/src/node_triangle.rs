@@ -1,15 +1,12 @@
 //! Nodes of one facet against triangles of another, along the facet's normal.
 
-use crate::frames::ordered;
+use crate::frames::Frames;
 use crate::gap::Gaps;
 use crate::mesh::NONE;
 use crate::near::{Near, Over};
 use crate::order::Order;
-use crate::pose::Pose;
-use crate::push::{ROUNDING_M, Worst, weighted_push};
-use crate::runs::{Contact, Room};
+use crate::runs::Contact;
 use crate::topology::Topology;
-use nalgebra::Vector3;
 
 /// A place this far outside a triangle still counts as on it, barycentric.
 const TOUCH: f64 = 0.002;
@@ -21,6 +18,8 @@ const SLID: f64 = 0.25;
 const CLEAR_M: f64 = 2e-3;
 /// A place that lies this deep in a triangle lies in no other, barycentric.
 const INSIDE: f64 = 1e-6;
+/// A triangle that looks smaller than this from above spans nothing, as a share of its rest area.
+pub(crate) const FLAT: f64 = 1e-5;
 /// Steps from triangle to triangle.
 const WALK: usize = 4;
 
@@ -32,6 +31,8 @@ pub(crate) struct NodeTriangle {
     facets: [u8; 2],
     sign: f64,
     gap_m: f64,
+    /// Barycentric weights when it was found.
+    weights: [f64; 3],
     /// Smallest barycentric weights.
     outside: [f64; 3],
 }
@@ -41,8 +42,7 @@ pub(crate) struct Search<'a> {
     pub gaps: &'a Gaps<'a>,
     pub near: &'a Near,
     pub order: &'a Order,
-    pub poses: &'a [Pose],
-    pub x: &'a [Vector3<f64>],
+    pub frames: &'a Frames,
 }
 
 impl Search<'_> {
@@ -60,8 +60,7 @@ impl Search<'_> {
             return None;
         }
         let start = locate(topology, g, over.uv_m)?;
-        let normal = &self.poses[g].normal;
-        let (t, weights, height) = walk(topology, over, start, normal, self.x)?;
+        let (t, weights, height) = walk(topology, over, start, self.frames.over(g))?;
         let triangle = topology.mesh.triangles[t];
         if f64::from(sign) * height > CLEAR_M || triangle.contains(&over.node) {
             return None;
@@ -76,6 +75,7 @@ impl Search<'_> {
             facets: [over.from, over.over],
             sign: f64::from(sign),
             gap_m: self.gaps.between(f, g, (&[over.node], &[1.0]), (&triangle, &weights)),
+            weights,
             outside,
         })
     }
@@ -126,20 +126,23 @@ fn locate(topology: &Topology, g: usize, uv_m: [f64; 2]) -> Option<usize> {
     best.1
 }
 
-/// From triangle to triangle of the facet to the one below the node.
+/// From triangle to triangle of the facet to the one below the node; its weights there, and the
+/// node's height above it. `local`: (u, v, height) over the facet.
 fn walk(
     topology: &Topology,
     over: &Over,
     start: usize,
-    normal: &Vector3<f64>,
-    x: &[Vector3<f64>],
+    local: &[[f64; 3]],
 ) -> Option<(usize, [f64; 3], f64)> {
     let mesh = &topology.mesh;
-    let flat = 1e-5 * mesh.double_area_m2();
+    let flat_m2 = FLAT * mesh.double_area_m2;
+    let p = local[over.node as usize];
     let mut t = start;
     for _ in 0..WALK {
-        let corners = mesh.triangles[t].map(|n| x[n as usize]);
-        let (weights, height) = below(&x[over.node as usize], &corners, normal, flat)?;
+        let [a, b, c] = mesh.triangles[t];
+        let [a, b, c] = [local[a as usize], local[b as usize], local[c as usize]];
+        let weights = below(p, [a, b, c], flat_m2)?;
+        let height = p[2] - (weights[0] * a[2] + weights[1] * b[2] + weights[2] * c[2]);
         let side = (0..3).fold(0, |low, k| if weights[k] < weights[low] { k } else { low });
         if weights[side] >= -TOUCH {
             return Some((t, weights, height));
@@ -154,24 +157,19 @@ fn walk(
     None
 }
 
-/// Weights of the point of a triangle that lies below `p` along `normal`, and the height above it.
-fn below(
-    p: &Vector3<f64>,
-    [a, b, c]: &[Vector3<f64>; 3],
-    normal: &Vector3<f64>,
-    flat_m2: f64,
-) -> Option<([f64; 3], f64)> {
-    // p − h·n = a + v·e + w·f
-    let (e, f, r) = (b - a, c - a, p - a);
-    let across = f.cross(normal);
-    let det = e.dot(&across);
+/// Weights of the point of a triangle that lies below another in a facet's frame; none where the
+/// triangle spans nothing there.
+fn below<const N: usize>(p: [f64; N], [a, b, c]: [[f64; N]; 3], flat_m2: f64) -> Option<[f64; 3]> {
+    // p = a + v·e + w·f, in the plane
+    let (e, f) = ([b[0] - a[0], b[1] - a[1]], [c[0] - a[0], c[1] - a[1]]);
+    let r = [p[0] - a[0], p[1] - a[1]];
+    let det = e[0] * f[1] - e[1] * f[0];
     if det.is_nan() || det.abs() <= flat_m2 {
         return None;
     }
-    let v = r.dot(&across) / det;
-    let w = e.dot(&r.cross(normal)) / det;
-    let height = e.cross(&f).dot(&r) / det;
-    Some(([1.0 - v - w, v, w], height))
+    let v = (r[0] * f[1] - r[1] * f[0]) / det;
+    let w = (e[0] * r[1] - e[1] * r[0]) / det;
+    Some([1.0 - v - w, v, w])
 }
 
 impl Contact for NodeTriangle {
@@ -184,34 +182,24 @@ impl Contact for NodeTriangle {
         [self.node, a, b, c]
     }
 
-    fn is_clear(&self, heights_m: &[f64]) -> bool {
-        let [p, a, b, c] = self.nodes().map(|n| self.sign * heights_m[n as usize]);
-        let [low_m, high_m] = ordered(a, b);
-        let (low_m, high_m) = (ordered(low_m, c)[0], ordered(high_m, c)[1]);
-        // No weight is below −SLID, so that none is above 1 + 2·SLID.
-        p - high_m - 2.0 * SLID * (high_m - low_m) - ROUNDING_M > self.gap_m
+    fn gap_m(&self) -> f64 {
+        self.gap_m
     }
 
-    fn solve(&self, room: &mut Room<'_>, worst: &mut Worst) -> bool {
-        let normal = &room.poses[usize::from(self.facets[1])].normal;
-        let corners = self.triangle.map(|n| room.x[n as usize]);
-        let point = room.x[self.node as usize];
-        let Some((weights, height)) = below(&point, &corners, normal, room.flat_m2) else {
-            return false;
-        };
-        if weights.iter().zip(&self.outside).any(|(w, low)| w < low) {
-            return false;
-        }
-        let height_m = self.sign * height;
-        if height_m >= self.gap_m {
-            return false;
-        }
-        worst.note(self.gap_m, height_m);
-        let [u, v, w] = weights;
-        let push = normal * (self.sign * (self.gap_m - height_m));
-        weighted_push(room.x, room.mobility, &self.nodes(), &[1.0, -u, -v, -w], push);
-        true
+    fn weights(&self) -> [f64; 4] {
+        weights(self.sign, self.weights)
     }
+
+    fn weigh(&self, [p, a, b, c]: [[f64; 2]; 4], flat_m2: f64) -> Option<[f64; 4]> {
+        let of_corners = below(p, [a, b, c], flat_m2)?;
+        let is_over = of_corners.iter().zip(&self.outside).all(|(weight, low)| weight >= low);
+        is_over.then(|| weights(self.sign, of_corners))
+    }
+}
+
+/// Weights of the heights of a node and its triangle's corners: the node's height over it.
+fn weights(sign: f64, [u, v, w]: [f64; 3]) -> [f64; 4] {
+    [1.0, -u, -v, -w].map(|weight| sign * weight)
 }
 
 #[cfg(test)]
@@ -219,13 +207,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_height_is_measured_along_the_normal() {
-        let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]].map(Vector3::from);
-        let normal = Vector3::new(0.6, 0.0, 0.8);
-        let (weights, height) =
-            below(&Vector3::new(0.8, 0.25, 0.4), &corners, &normal, 1e-9).unwrap();
-        assert!((height - 0.5).abs() < 1e-12); // 0.4 / 0.8; the foot is 0.8 − 0.5·0.6 = 0.5.
+    fn weights_are_those_of_the_point_below() {
+        let corners = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]];
+        let weights = below([0.5, 0.25], corners, 1e-9).unwrap();
         assert!((weights[1] - 0.5).abs() < 1e-12 && (weights[2] - 0.25).abs() < 1e-12);
-        assert!(below(&Vector3::x(), &corners, &Vector3::x(), 1e-9).is_none());
+        // The same from the other side, and one that stands upright.
+        let turned = below([0.5, 0.25], [corners[0], corners[2], corners[1]], 1e-9).unwrap();
+        assert!((turned[1] - 0.25).abs() < 1e-12 && (turned[2] - 0.5).abs() < 1e-12);
+        assert!(below([0.5, 0.25], [corners[0], [1.0, 0.0], [2.0, 0.0]], 1e-9).is_none());
     }
 }

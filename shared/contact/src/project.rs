@@ -62,7 +62,7 @@ pub struct FacetContact {
     spine: Vec<SpineContact>,
     node_triangle_runs: Runs,
     edge_edge_runs: Runs,
-    heights_m: Vec<f64>,
+    local: Vec<[f64; 3]>,
 }
 
 impl FacetContact {
@@ -87,7 +87,7 @@ impl FacetContact {
             spine: Vec::with_capacity(count),
             node_triangle_runs: Runs::default(),
             edge_edge_runs: Runs::default(),
-            heights_m: vec![0.0; count],
+            local: vec![[0.0; 3]; count],
         }
     }
 
@@ -152,7 +152,7 @@ impl FacetContact {
             let found = self.node_triangle.len() + self.edge_edge.len() + self.spine.len();
             report.constraints = found as u32;
             report.rounds = round + 1;
-            let first = self.solve(false);
+            let first = self.solve(false, false);
             report.worst_gap_m = first.short_m;
             report.settled = first.unsettled == 0;
             let stretched = round < LINKED_ROUNDS && self.is_stretched();
@@ -190,12 +190,12 @@ impl FacetContact {
         near.find_overlaps(topology, frames);
         order.decide(topology, folds, near, openings);
         let gaps = Gaps { params: &self.params, topology, openings };
-        let search = node_triangle::Search { gaps: &gaps, near, order, poses, x };
+        let search = node_triangle::Search { gaps: &gaps, near, order, frames };
         search.find(&mut self.node_triangle);
         let search = edge_edge::Search { gaps: &gaps, near, order, poses, frames };
         search.find(&mut self.edge_edge, &mut self.candidates, &mut self.sieve);
-        self.node_triangle_runs.part(&self.node_triangle, self.x.len());
-        self.edge_edge_runs.part(&self.edge_edge, self.x.len());
+        self.node_triangle_runs.part(&self.node_triangle, &self.frames, self.x.len());
+        self.edge_edge_runs.part(&self.edge_edge, &self.frames, self.x.len());
         let x = &self.x;
         let search = spine::Search { gaps: &gaps, near, order, x };
         spine::find(&mut self.spine, &mut self.seen, &search);
@@ -208,29 +208,30 @@ impl FacetContact {
             if linked {
                 self.topology.links.sweep(&mut self.x, &self.mobility, sweep % 2 == 1);
             }
-            let worst = self.solve(sweep % 2 == 1);
+            let worst = self.solve(sweep % 2 == 1, linked);
             let lifted = self.lift(table_m);
             if worst.unsettled == 0 && !stretched && !lifted {
                 break;
             }
         }
         for sweep in 0..LAST_SWEEPS {
-            let worst = self.solve(sweep % 2 == 1);
+            let worst = self.solve(sweep % 2 == 1, false);
             if !self.lift(table_m) && worst.count == 0 {
                 break;
             }
         }
     }
 
-    /// One sweep over the contacts.
-    fn solve(&mut self, reverse: bool) -> Worst {
-        let Self { x, mobility, poses, heights_m, .. } = self;
-        let flat_m2 = 1e-5 * self.topology.mesh.double_area_m2();
+    /// One sweep over the contacts; `slid`: whether anything else has moved nodes since the last.
+    fn solve(&mut self, reverse: bool, slid: bool) -> Worst {
+        let Self { x, mobility, poses, local, .. } = self;
+        let spacing_m = self.topology.mesh.spacing_max_m;
+        let flat_m2 = node_triangle::FLAT * self.topology.mesh.double_area_m2;
         let mut worst = Worst::default();
         for contact in &self.spine {
             contact.solve(x, mobility, &mut worst);
         }
-        let mut room = Room { x, mobility, poses, flat_m2, heights_m };
+        let mut room = Room { x, mobility, poses, spacing_m, flat_m2, slid, local };
         self.edge_edge_runs.sweep(&self.edge_edge, false, &mut room, &mut worst);
         self.node_triangle_runs.sweep(&self.node_triangle, reverse, &mut room, &mut worst);
         worst

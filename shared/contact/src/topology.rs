@@ -134,7 +134,6 @@ impl Topology {
         f64::from(self.crease_distance_m[crease * self.of_node.len() + node as usize])
     }
 
-    /// Distance of a node from the nearest corner that two facets share, metres; infinite for none.
     /// Distance of the nearest of some nodes from any crease, metres; infinite without creases.
     /// Corners that facets share lie on creases.
     pub fn away_from_creases_m(&self, nodes: &[u32]) -> f64 {
@@ -142,6 +141,7 @@ impl Topology {
         f64::from(each.fold(f32::INFINITY, f32::min))
     }
 
+    /// Distance of a node from the nearest corner that two facets share, metres; infinite for none.
     pub fn corner_distance_m(&self, f: usize, g: usize, node: u32) -> f64 {
         let at = |k: &usize| self.vertex_distance_m[k * self.of_node.len() + node as usize];
         let shared = &self.shared_vertices[f * self.facets.len() + g];

@@ -28,6 +28,7 @@ mod score;
 pub mod textbook;
 mod track;
 mod visibility;
+mod whole;
 mod zbuffer;
 
 pub use params::{RegisterConfig, RegisterMode, RegisterParams};

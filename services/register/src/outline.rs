@@ -146,6 +146,18 @@ impl Outline {
         sums
     }
 
+    /// Moves the samples; what `rows` still ask of them is what is left along their normals.
+    pub fn follow(&mut self, moved: impl Fn([f32; 3]) -> [f32; 3]) {
+        for row in &mut self.rows {
+            let from = Vector3::from(self.positions_m[row.sample]);
+            let way_m = Vector3::from(moved(from.into())) - from;
+            row.way_m -= row.normal.dot(&way_m.cast::<f64>());
+        }
+        for position_m in &mut self.positions_m {
+            *position_m = moved(*position_m);
+        }
+    }
+
     /// Matches the samples, where the nodes are now, to the contour: fills `rows`.
     pub fn matched(&mut self, nodes_m: &[[f32; 3]], iteration: u32, variance_m2: f64) {
         self.place(nodes_m);

@@ -47,6 +47,10 @@ pub struct RegisterParams {
     /// Expected error τ of the prediction, fraction of the sheet (λ = 1/τ²): small values trust
     /// the prediction, large ones the cloud. Default 0.0115 (1.7 mm on 0.15 m).
     pub prediction_error: f64,
+    /// Expected error of the prediction as a whole, fraction of the sheet, and half as far from its
+    /// middle by a turn: the sheet moves as one rigid body before it bends. 0: it only bends.
+    /// Default 0.033 (5 mm and 3.8° on 0.15 m).
+    pub rigid_error: f64,
     /// Weight of the cloud against the prediction, 0 to 1: neighbouring depth pixels err
     /// together, so N points are worth less than N. Default 0.2.
     pub temper: f64,
@@ -111,6 +115,7 @@ impl Default for RegisterParams {
             move_tolerance: 0.0003,
             kernel_width: 0.2,
             prediction_error: 0.0115,
+            rigid_error: 0.033,
             temper: 0.2,
             sigma_start: [0.027, 0.04],
             sigma_floor: 0.0067,
@@ -144,6 +149,7 @@ impl RegisterParams {
             move_tolerance,
             kernel_width,
             prediction_error,
+            rigid_error,
             temper,
             sigma_start,
             sigma_floor,
@@ -174,6 +180,7 @@ impl RegisterParams {
         within("move_tolerance", *move_tolerance, 0.0, 0.1);
         within("kernel_width", *kernel_width, 0.02, 10.0);
         within("prediction_error", *prediction_error, 1e-4, 10.0);
+        within("rigid_error", *rigid_error, 0.0, 10.0);
         within("temper", *temper, 1e-3, 1.0);
         within("sigma_floor", *sigma_floor, 1e-4, 0.1);
         within("sigma_start", sigma_start[0], *sigma_floor, 1.0);

@@ -16,9 +16,7 @@
 //! says. All is without a mean over the cameras: that the whole rig moved cannot be told from a
 //! sheet that did (`services/simulate/src/alignment.rs` can, by grippers and table).
 
-use nalgebra::{
-    Isometry3, Matrix6, Point3, Rotation3, Translation3, UnitQuaternion, Vector3, Vector6,
-};
+use nalgebra::{Isometry3, Matrix6, Point3, Translation3, UnitQuaternion, Vector3, Vector6};
 use orime_geometry::{ObservedPoint, RgbdCamera, fit};
 
 /// What is left after a frame of what was known before it.
@@ -186,7 +184,7 @@ fn about(c: &Point3<f64>, motion: &Vector6<f64>) -> Isometry3<f64> {
 
 /// … and back.
 fn motion(c: &Point3<f64>, by: &Isometry3<f64>) -> Vector6<f64> {
-    let (shift, turn) = (by * c - c, Rotation3::from(by.rotation).scaled_axis());
+    let (shift, turn) = (by * c - c, by.rotation.scaled_axis());
     Vector6::new(shift.x, shift.y, shift.z, turn.x, turn.y, turn.z)
 }
 

@@ -5,6 +5,7 @@
 //!
 //! ```text
 //! E:  p[m,n] = exp(−|x[n]−v[m]|²/2σ²) / (Σ_k exp(−|x[n]−v[k]|²/2σ²) + c)
+//! W:  Y ← Y moved as one rigid body (`whole.rs`)
 //! M:  (t·(BQ)ᵀ D (BQ) + λσ²Λ⁻¹) C = t·(BQ)ᵀ (P X − D V₀),   D = diag(Σ_n p),   λ = 1/τ²
 //!     T = Y + (B Q C on the nodes), then isometry sweeps on T
 //! σ² = Σ p·|x − v|² / 3 N_p from the projected virtual nodes
@@ -12,7 +13,8 @@
 //!
 //! Source: Myronenko & Song, IEEE TPAMI 32(12), 2010. Deviations, all measured in
 //! `../shared/design/register.md`: virtual nodes, a low-rank kernel in (u,v), tempering, the
-//! isometry projection, σ² started warm and floored, the outlier weight estimated.
+//! isometry projection, σ² started warm and floored, the outlier weight estimated. And W, which
+//! `docs/results.md` measures.
 
 use crate::basis::{Basis, Corner, Equations, Expand, Reduce, corners};
 use crate::blend::Blender;
@@ -23,6 +25,7 @@ use crate::mixture::{Answer, Asked, Mixture};
 use crate::outline::Outline;
 use crate::params::RegisterParams;
 use crate::visibility::Visibility;
+use crate::whole::Whole;
 use nalgebra::{DMatrix, DVector};
 use orime_creases::Folds;
 use orime_geometry::{RgbdCamera, SheetGrid};
@@ -188,7 +191,7 @@ impl Tracker {
         is_late: &dyn Fn() -> bool,
     ) -> TrackReport {
         let mut report = TrackReport { sigma_m: self.sigma_next_m, ..TrackReport::default() };
-        let predicted = nodes_m.to_vec();
+        let mut predicted = nodes_m.to_vec();
         self.mixture.place(nodes_m);
         self.start.clone_from(&self.mixture.components.at_m);
         self.outline.place(nodes_m);
@@ -210,9 +213,14 @@ impl Tracker {
             }
             report.iterations += 1;
             report.inlier_ratio = (expected.mass / cloud.points_m.len() as f64) as f32;
+            let variance_m2 = f64::from(sigma).powi(2);
+            if !self.outline.is_empty() {
+                self.outline.matched(nodes_m, report.iterations - 1, variance_m2);
+            }
+            self.move_whole(nodes_m, variance_m2, &mut predicted);
             self.gathered.clear(self.basis.len());
             self.carry.gather(&self.mixture.components, &self.start, &mut self.gathered);
-            self.gather_outline(nodes_m, report.iterations - 1, f64::from(sigma).powi(2));
+            self.gather_outline();
             let Some(modes) = self.solve(lambda * f64::from(sigma).powi(2)) else { break };
             let largest = self.apply(&modes, &predicted, nodes_m);
             let squared_m2 = self.mixture.place_after(nodes_m, expected.squared_m2);
@@ -280,13 +288,34 @@ impl Tracker {
         self.outlier_weight / (1.0 - self.outlier_weight) * components_per_m3
     }
 
-    /// Adds the contour's rows to what the mixture gave. They are not tempered: edgels err less
-    /// together than depth pixels do.
-    fn gather_outline(&mut self, nodes_m: &[[f32; 3]], iteration: u32, variance_m2: f64) {
-        if self.outline.is_empty() {
+    /// Moves the prediction, and what was made of it, as a whole towards where points and contour
+    /// pull the nodes.
+    fn move_whole(&mut self, nodes_m: &[[f32; 3]], variance_m2: f64, predicted: &mut [[f32; 3]]) {
+        let error_m = self.params.rigid_error * f64::from(self.side_m);
+        if error_m <= 0.0 {
             return;
         }
-        self.outline.matched(nodes_m, iteration, variance_m2);
+        let mut whole = Whole::about(nodes_m);
+        whole.add_components(&self.mixture.components, self.params.temper);
+        for row in &self.outline.rows {
+            let weight = row.weight * self.params.outline_weight;
+            whole.add_row(self.outline.positions_m[row.sample], &row.normal, row.way_m, weight);
+        }
+        let angle_rad = error_m / (0.5 * f64::from(self.side_m));
+        let Some(motion) = whole.solve(variance_m2, error_m, angle_rad) else { return };
+        self.outline.follow(|point_m| motion.moved(point_m));
+        for point_m in predicted.iter_mut().chain(&mut self.outline_start) {
+            *point_m = motion.moved(*point_m);
+        }
+        let [x, y, z] = &mut self.start;
+        for m in 0..x.len() {
+            [x[m], y[m], z[m]] = motion.moved([x[m], y[m], z[m]]);
+        }
+    }
+
+    /// Adds the contour's rows to what the mixture gave. They are not tempered: edgels err less
+    /// together than depth pixels do.
+    fn gather_outline(&mut self) {
         for row in &self.outline.rows {
             let weight = row.weight * self.params.outline_weight / self.params.temper;
             let corner = self.outline.samples[row.sample].corner;

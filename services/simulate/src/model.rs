@@ -173,7 +173,7 @@ impl SheetModel {
             }
             let is_caught = report.net.is_some_and(|net| net.blended > 0);
             if report.contact.moved_m > 0.0 || is_caught {
-                self.simulator.correct(dt_s, &self.positions_m);
+                self.simulator.correct(&self.positions_m);
             }
             if !folded && !is_caught {
                 report.slept.insert(Effect::SelfContact);

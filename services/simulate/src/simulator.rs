@@ -4,6 +4,7 @@ mod batch;
 #[cfg(feature = "gpu")]
 mod graphics;
 mod hold;
+mod momentum;
 mod prediction;
 mod rest;
 
@@ -18,6 +19,7 @@ pub use batch::Batch;
 #[cfg(feature = "gpu")]
 pub use graphics::Chosen;
 pub use hold::GRIPS_MAX;
+use momentum::Momentum;
 use orime_creases::Folds;
 use orime_geometry::SheetGrid;
 use prediction::Prediction;
@@ -92,8 +94,7 @@ pub struct Simulator {
     facets_of_place: Vec<u32>,
     /// Subtracted from every position inside, so that f32 keeps its digits far from the origin.
     origin_m: [f32; 3],
-    /// Smoothed motion from frame to frame, m/s.
-    motion_m_per_s: Vec<[f32; 3]>,
+    momentum: Momentum,
     world: Vec<[f32; 3]>,
     /// Whether lengths at rest are those of the flat grid.
     is_flat_at_rest: bool,
@@ -130,7 +131,7 @@ impl Simulator {
         let mut simulator = Self {
             facets_of_place: facets_of_place(solver.layout, &folds),
             origin_m: [0.0; 3],
-            motion_m_per_s: vec![[0.0; 3]; world.len()],
+            momentum: Momentum::default(),
             is_flat_at_rest: rest_m.is_none(),
             grips: Vec::new(),
             held: Vec::new(),
@@ -230,15 +231,12 @@ impl Simulator {
         self.solver.facet_shares.extend_from_slice(shares);
     }
 
-    /// Puts the nodes where something else than the solver wants them, as a part of the last step,
-    /// which took `dt_s`. Velocities are kept.
-    pub fn correct(&mut self, dt_s: f64, positions_m: &[[f32; 3]]) {
-        let per_s = 1.0 / clamped_s(dt_s) as f32;
+    /// Puts the nodes where something else than the solver wants them, as a part of the last step.
+    /// Velocities are kept.
+    pub fn correct(&mut self, positions_m: &[[f32; 3]]) {
         let nodes = self.solver.layout.places().zip(positions_m).enumerate();
         for (node, (place, to)) in nodes {
             for (axis, to) in to.iter().enumerate() {
-                let way = to - self.world[node][axis];
-                self.motion_m_per_s[node][axis] += 0.5 * way * per_s;
                 self.solver.x[axis].rows_mut()[place] = to - self.origin_m[axis];
                 self.world[node][axis] = *to;
             }
@@ -289,7 +287,7 @@ impl Simulator {
         for v in &mut self.solver.v {
             v.rows_mut().fill(0.0);
         }
-        self.motion_m_per_s.fill([0.0; 3]);
+        self.momentum.forget();
         self.rest.wake();
         if self.folds.facets().len() > 1 {
             self.folds.observe(&self.world);
@@ -378,15 +376,12 @@ impl Simulator {
 
     /// What is done after a frame's substeps.
     fn finish(&mut self, dt_s: f64) {
-        let per_s = 1.0 / dt_s as f32;
+        self.momentum.note(dt_s, &self.world);
         let mut moved_m: f32 = 0.0;
         let [x, y, z] = self.solver.x.each_ref().map(|field| field.rows());
         let weights = self.solver.weights.as_ref();
-        for ((place, world), motion) in
-            self.solver.layout.places().zip(&mut self.world).zip(&mut self.motion_m_per_s)
-        {
+        for (place, world) in self.solver.layout.places().zip(&mut self.world) {
             if weights.is_some_and(|w| w.rows()[place] == 0.0) {
-                *motion = [0.0; 3];
                 continue; // What is pinned keeps its bits: the origin's rounding moves nothing.
             }
             let now = [x[place], y[place], z[place]];
@@ -394,7 +389,6 @@ impl Simulator {
                 let now = now[axis] + self.origin_m[axis];
                 let way = now - world[axis];
                 moved_m = moved_m.max(way.abs());
-                motion[axis] = 0.5 * motion[axis] + 0.5 * way * per_s;
                 world[axis] = now;
             }
         }

@@ -35,6 +35,9 @@ const PART_MIN: (f64, f64) = (1.2, 6.0);
 /// Least share of the sheet's nodes on either side of a crease off landmarks: tips that nobody sees
 /// well bend in many ways.
 const PART_OFF_LANDMARKS: f64 = 0.04;
+/// What is smaller than this share of the nodes is a tip: one that is lifted fast runs ahead of the
+/// rest and bends for some steps where no crease will be. Only what looks like a fold in so many is.
+const TIP: (f64, u32) = (0.1, 10);
 /// Standard deviations, and spacings at most, that a landmark may be off more than told.
 const UNSURE: (f64, f64) = (3.0, 0.5);
 /// A crease is undone after so many steps below the first angle, unless it ever passed the second.
@@ -129,7 +132,7 @@ impl LineFinder {
         while let Some(at) = {
             let sure = self.candidates[facet].iter().enumerate();
             let sure = sure.filter(|(_, c)| {
-                c.hits >= hits && c.evidence >= evidence && self.may_be(folds, facet, &c.hinge)
+                c.hits >= hits && c.evidence >= evidence && self.may_be(folds, facet, c)
             });
             sure.max_by(|(_, a), (_, b)| a.hinge.angle_rad.total_cmp(&b.hinge.angle_rad))
                 .map(|(at, _)| at)
@@ -148,7 +151,12 @@ impl LineFinder {
     }
 
     /// Whether a fold of a facet is sharp enough, and parts enough of it, for where it lies.
-    fn may_be(&self, folds: &Folds, facet: usize, hinge: &Hinge) -> bool {
+    fn may_be(
+        &self,
+        folds: &Folds,
+        facet: usize,
+        Candidate { hinge, hits, .. }: &Candidate,
+    ) -> bool {
         let piece = &folds.facets()[facet];
         let estimate = Estimate::new(hinge, self.nodes.h_m);
         let ends = self.at_landmarks(&estimate, piece, folds.facets());
@@ -160,9 +168,10 @@ impl LineFinder {
         let members = &self.members[facet];
         let is_left = |n: &&u32| hinge.line.side_m(self.nodes.uv_m[**n as usize]) > 0.0;
         let left = members.iter().filter(is_left).count();
-        let least = left.min(members.len() - left) as f64;
+        let least = left.min(members.len() - left) as f64 / self.nodes.uv_m.len() as f64;
         hinge.angle_rad >= self.config.params.angle_off_landmarks_deg.to_radians()
-            && least >= PART_OFF_LANDMARKS * self.nodes.uv_m.len() as f64
+            && least >= PART_OFF_LANDMARKS
+            && (least >= TIP.0 || *hits >= TIP.1)
     }
 
     /// Hands a facet's candidates to the parts that they lie in.

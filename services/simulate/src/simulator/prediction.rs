@@ -14,6 +14,8 @@ pub(super) struct Prediction {
     anchors: Vec<Anchor>,
     /// Each node's own extrapolated place.
     places: Targets,
+    /// How far each goes, metres.
+    ways: Vec<[f32; 3]>,
     world: Vec<[f32; 3]>,
 }
 
@@ -23,6 +25,7 @@ impl Prediction {
             kept: [layout.fields(), layout.fields()],
             anchors: Vec::new(),
             places: Targets::new(layout),
+            ways: Vec::new(),
             world: vec![[0.0; 3]; layout.nodes[0] * layout.nodes[1]],
         }
     }
@@ -30,22 +33,24 @@ impl Prediction {
 
 impl Simulator {
     /// Where the nodes will be `dt_s` after the last step, world frame, metres: the last motion
-    /// goes on for the most part, a gripper's with that of the point that it holds; then grippers,
-    /// links and facets are obeyed, every node being held softly. The state is left as it is.
+    /// goes on (`momentum`), a gripper's with that of the point that it holds; then grippers, links
+    /// and facets are obeyed, every node being held softly. The state is left as it is.
     pub fn predict(&mut self, dt_s: f64) -> &[[f32; 3]] {
-        let PredictParams { momentum, hold, substeps, .. } = self.params.predict;
+        let PredictParams { hold, substeps, .. } = self.params.predict;
         let (dt_s, layout) = (clamped_s(dt_s), self.solver.layout);
         let mut room = self.prediction.take().unwrap_or_else(|| Box::new(Prediction::new(layout)));
-        let ahead_s = (momentum * dt_s) as f32;
         for (kept, now) in room.kept.iter_mut().zip([&self.solver.x, &self.solver.v]) {
             kept.clone_from(now);
         }
         room.places.count = layout.size() as u32;
-        for (place, motion) in layout.places().zip(&self.motion_m_per_s) {
+        let (params, folds) = (&self.params.predict, &self.folds);
+        self.momentum.ways(dt_s, params, folds, &self.world, &mut room.ways);
+        self.hold_pinned(&mut room.ways);
+        for (place, way) in layout.places().zip(&room.ways) {
             room.places.ratio.rows_mut()[place] = hold as f32;
-            for (axis, motion) in motion.iter().enumerate() {
+            for (axis, way) in way.iter().enumerate() {
                 let x = &mut self.solver.x[axis].rows_mut()[place];
-                *x += motion * ahead_s;
+                *x += way;
                 room.places.at_m[axis].rows_mut()[place] = *x;
             }
         }
@@ -81,5 +86,15 @@ impl Simulator {
         self.solver.v.clone_from(&room.kept[1]);
         self.solver.anchors.clone_from(&room.anchors);
         &self.prediction.insert(room).world
+    }
+
+    /// What is pinned goes nowhere.
+    fn hold_pinned(&self, ways: &mut [[f32; 3]]) {
+        let Some(weights) = &self.solver.weights else { return };
+        for (place, way) in self.solver.layout.places().zip(ways) {
+            if weights.rows()[place] == 0.0 {
+                *way = [0.0; 3];
+            }
+        }
     }
 }

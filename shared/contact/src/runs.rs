@@ -1,9 +1,9 @@
 //! A sweep over contacts that lie run by run over one facet.
 //!
-//! The contacts of a run push along one normal, so that no push changes where nodes lie beside each
-//! other: there a contact is a weighted sum of its nodes' heights that has to keep a gap. The weights
-//! are those of the last look, and taken anew where some node has slid since; the round's end finds
-//! contacts anew in any case, and judges by those.
+//! The contacts of a run push along one normal, so that no push changes where nodes lie beside
+//! each other: there a contact is a weighted sum of its nodes' heights that has to keep a gap. The
+//! weights are those of the last look, and taken anew where some node has slid since; the round's
+//! end finds contacts anew in any case, and judges by those.
 
 use crate::frames::{Frames, ordered};
 use crate::pose::Pose;
@@ -23,7 +23,8 @@ pub(crate) trait Contact {
     /// Weights of the nodes' heights when it was found.
     fn weights(&self) -> [f64; 4];
     /// The same where the nodes are now, (u, v) in the second facet's frame; none where they do not
-    /// lie over each other any more. `flat_m2`: twice the area below which a triangle spans nothing.
+    /// lie over each other any more. `flat_m2`: twice the area below which a triangle spans
+    /// nothing.
     fn weigh(&self, uv_m: [[f64; 2]; 4], flat_m2: f64) -> Option<[f64; 4]>;
 }
 

@@ -36,7 +36,8 @@ const PART_MIN: (f64, f64) = (1.2, 6.0);
 /// well bend in many ways.
 const PART_OFF_LANDMARKS: f64 = 0.04;
 /// What is smaller than this share of the nodes is a tip: one that is lifted fast runs ahead of the
-/// rest and bends for some steps where no crease will be. Only what looks like a fold in so many is.
+/// rest and bends for some steps where no crease will be. Only what looks like a fold in so many
+/// is one.
 const TIP: (f64, u32) = (0.1, 10);
 /// Standard deviations, and spacings at most, that a landmark may be off more than told.
 const UNSURE: (f64, f64) = (3.0, 0.5);

@@ -248,10 +248,8 @@ pub struct TrackParams {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PredictParams {
-    /// Share of the last motion that goes on, every facet's as that of a rigid body. Default 1.
+    /// Share of the last motion that goes on, every facet's as that of a rigid body. Default 0.8.
     pub momentum: f64,
-    /// The same of what the nodes did besides: of bending, and of noise. Default 0.5.
-    pub bend_momentum: f64,
     /// Share of the way back to its extrapolated place that a node goes in a substep. Default
     /// 0.15.
     pub hold: f64,
@@ -363,7 +361,7 @@ impl Default for TrackParams {
 
 impl Default for PredictParams {
     fn default() -> Self {
-        Self { momentum: 1.0, bend_momentum: 0.5, hold: 0.15, substeps: 12, per_frame: 0 }
+        Self { momentum: 0.8, hold: 0.15, substeps: 12, per_frame: 0 }
     }
 }
 
@@ -426,7 +424,6 @@ impl SimulateParams {
         within("track.acceleration_max_m_per_s2", acceleration, 0.1, 1e6, "m/s²");
         within("track.strain_max", track.strain_max, 1e-4, 10.0, "");
         within("predict.momentum", predict.momentum, 0.0, 1.0, "");
-        within("predict.bend_momentum", predict.bend_momentum, 0.0, 1.0, "");
         within("predict.hold", predict.hold, 0.0, 1.0, "");
         within("predict.substeps", f64::from(predict.substeps), 1.0, 1000.0, "");
         within("predict.per_frame", f64::from(predict.per_frame), 0.0, 16.0, "");

@@ -33,18 +33,17 @@ impl Prediction {
 
 impl Simulator {
     /// Where the nodes will be `dt_s` after the last step, world frame, metres: the last motion
-    /// goes on (`momentum`), a gripper's with that of the point that it holds; then grippers, links
-    /// and facets are obeyed, every node being held softly. The state is left as it is.
+    /// goes on for the most part, a gripper's with that of the point that it holds; then grippers,
+    /// links and facets are obeyed, every node being held softly. The state is left as it is.
     pub fn predict(&mut self, dt_s: f64) -> &[[f32; 3]] {
-        let PredictParams { hold, substeps, .. } = self.params.predict;
+        let PredictParams { momentum, hold, substeps, .. } = self.params.predict;
         let (dt_s, layout) = (clamped_s(dt_s), self.solver.layout);
         let mut room = self.prediction.take().unwrap_or_else(|| Box::new(Prediction::new(layout)));
         for (kept, now) in room.kept.iter_mut().zip([&self.solver.x, &self.solver.v]) {
             kept.clone_from(now);
         }
         room.places.count = layout.size() as u32;
-        let (params, folds) = (&self.params.predict, &self.folds);
-        self.momentum.ways(dt_s, params, folds, &self.world, &mut room.ways);
+        self.momentum.ways(momentum * dt_s, &self.folds, &self.world, &mut room.ways);
         self.hold_pinned(&mut room.ways);
         for (place, way) in layout.places().zip(&room.ways) {
             room.places.ratio.rows_mut()[place] = hold as f32;

@@ -326,17 +326,18 @@ impl CameraSegmenter {
         depth.sheet.reshape(self.view.depth.width, self.view.depth.height);
         self.sheet_at = self.view.depth;
         self.map.look_up(&color.eroded, Some(&depth.region), &mut depth.sheet);
-        depth.sheet.and_not(&self.steps.edge);
+        depth.clear.copy_from(&depth.sheet);
+        depth.clear.and_not(&self.steps.edge);
         depth.refused.dilate(1, &mut depth.scratch);
-        depth.sheet.and_not(&depth.refused);
+        depth.clear.and_not(&depth.refused);
         depth.surface.copy_from(&self.occluders.found);
         depth.surface.dilate(params.occluder_margin_px, &mut depth.scratch);
-        depth.sheet.and_not(&depth.surface);
+        depth.clear.and_not(&depth.surface);
         if let Some(parallax) = &mut self.parallax {
-            parallax.drop_hidden(&self.map, params.step_m as f32, &mut depth.sheet);
+            parallax.drop_hidden(&self.map, params.step_m as f32, &mut depth.clear);
         }
-        self.voxels.add(&self.map, &depth.sheet);
-        self.voxels.average(&self.map, &depth.sheet, &mut self.points);
+        self.voxels.add(&self.map, &depth.clear);
+        self.voxels.average(&self.map, &depth.clear, &mut self.points);
     }
 
     fn take_edgels(&mut self, color_rgb: &[u8]) {
@@ -404,8 +405,17 @@ mod tests {
         (rgb, depth)
     }
 
-    #[test]
-    fn the_width_of_vectors_changes_nothing() {
+    /// The same, pleated: depth goes up and down by 30 mm every four columns.
+    fn pleated(mut frame: (Vec<u8>, Vec<u16>)) -> (Vec<u8>, Vec<u16>) {
+        for (k, (depth, rgb)) in frame.1.iter_mut().zip(frame.0.chunks_exact(3)).enumerate() {
+            if rgb[0] > 200 && k % 8 < 4 {
+                *depth = depth.saturating_sub(300);
+            }
+        }
+        frame
+    }
+
+    fn camera() -> RgbdCamera {
         let lens = CameraModel {
             width: SIZE[0] as u32,
             height: SIZE[1] as u32,
@@ -415,31 +425,64 @@ mod tests {
             cy_px: 124.5,
             distortion: [0.02, -0.01, 0.001, 0.001, 0.0],
         };
-        let camera = RgbdCamera {
+        RgbdCamera {
             name: "front".into(),
             color: lens.clone(),
             depth: lens,
             color_from_depth: Isometry3::translation(0.01, 0.0, 0.0),
             world_from_color: Isometry3::rotation([0.1, 0.2, 0.3].into()),
             depth_m_per_unit: 1e-4,
-        };
+        }
+    }
+
+    fn segmenter() -> CameraSegmenter {
         let sheet = SheetGrid::new([0.2, 0.12], [9, 7]);
-        let look = |lanes: Width| {
-            let mut segmenter = CameraSegmenter::new(0, &camera, &SegmentParams::default(), &sheet);
+        CameraSegmenter::new(0, &camera(), &SegmentParams::default(), &sheet)
+    }
+
+    fn look(
+        segmenter: &mut CameraSegmenter,
+        (color_rgb, depth_units): &(Vec<u8>, Vec<u16>),
+    ) -> Outcome {
+        let told = Told { alone: true, known: None };
+        segmenter.segment(Some(RgbdFrame { color_rgb, depth_units }), &told)
+    }
+
+    #[test]
+    fn pleats_too_steep_for_depth_keep_their_contour() {
+        let mut camera = segmenter();
+        assert_eq!(look(&mut camera, &frame(0)), Outcome::Sheet);
+        let (points, edgels) = (camera.points.len(), camera.edgels.len());
+        for shift in [2, 4, 6] {
+            assert_eq!(look(&mut camera, &pleated(frame(shift))), Outcome::Sheet);
+            assert!(camera.points.len() < points / 20, "{} of {points}", camera.points.len());
+            assert!(camera.edgels.len() > edgels / 2, "{} of {edgels}", camera.edgels.len());
+        }
+        assert_eq!(look(&mut camera, &frame(6)), Outcome::Sheet);
+        assert!(camera.points.len() > points * 9 / 10);
+        // What was not there before is not known by its colour alone.
+        assert_eq!(look(&mut camera, &pleated(frame(150))), Outcome::NoSheet);
+        assert_eq!(look(&mut segmenter(), &pleated(frame(0))), Outcome::NoSheet);
+    }
+
+    #[test]
+    fn the_width_of_vectors_changes_nothing() {
+        let run = |lanes: Width| {
+            let mut segmenter = segmenter();
             (segmenter.lanes, segmenter.map.lanes) = (lanes, lanes);
             (segmenter.steps.lanes, segmenter.voxels.lanes) = (lanes, lanes);
-            let (mut seen, told) = (Vec::new(), Told { alone: true, known: None });
-            for (color_rgb, depth_units) in [0, 4, 9].map(frame) {
-                let (color_rgb, depth_units) = (&color_rgb[..], &depth_units[..]);
-                segmenter.segment(Some(RgbdFrame { color_rgb, depth_units }), &told);
+            let mut seen = Vec::new();
+            for frame in [frame(0), frame(4), pleated(frame(4)), frame(9)] {
+                look(&mut segmenter, &frame);
                 seen.push((segmenter.points.clone(), segmenter.edgels.clone()));
             }
             seen
         };
-        let portable = look(Width::Portable);
-        assert!(portable.iter().all(|(points, edgels)| points.len() > 500 && edgels.len() > 20));
+        let portable = run(Width::Portable);
+        assert!([0, 1, 3].iter().all(|k| portable[*k].0.len() > 500));
+        assert!(portable.iter().all(|(_, edgels)| edgels.len() > 20));
         for lanes in Width::available() {
-            assert!(look(lanes) == portable, "{lanes:?}");
+            assert!(run(lanes) == portable, "{lanes:?}");
         }
     }
 }

@@ -22,8 +22,10 @@ pub(crate) struct DepthImages {
     pub surface: BitImage,
     pub accepted: BitImage,
     pub refused: BitImage,
-    /// Pixels whose points were taken; kept for the next frame, in the shape of its own window.
+    /// Pixels in the sheet's mask; kept for the next frame, in the shape of its own window.
     pub sheet: BitImage,
+    /// Those of them that see the sheet and nothing else.
+    pub clear: BitImage,
     /// Those of the frame before.
     pub before: BitImage,
     pub scratch: BitImage,
@@ -61,6 +63,7 @@ impl DepthImages {
             accepted: image(),
             refused: image(),
             sheet: image(),
+            clear: image(),
             before: image(),
             scratch: image(),
         }
@@ -75,10 +78,11 @@ impl DepthImages {
             accepted,
             refused,
             sheet: _,
+            clear,
             before: _,
             scratch,
         } = self;
-        for image in [sheet_colored, region, surface, accepted, refused, scratch] {
+        for image in [sheet_colored, region, surface, accepted, refused, clear, scratch] {
             image.reshape(width, height);
         }
     }

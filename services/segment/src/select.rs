@@ -4,7 +4,8 @@
 //! largest that is not larger than the sheet is its *anchor*. A hand in the mask, over-exposed
 //! or reddish white, is a patch in front of others that goes on, without a step, in another
 //! colour; it is refused. (A flap of the sheet ends where its colour does.) A part of the sheet
-//! that a hand cuts off is accepted if nothing but the hand lies between it and the anchor.
+//! that a hand cuts off is accepted if nothing but the hand lies between it and the anchor. Where
+//! hardly a patch is left, what was the sheet a frame ago stays the sheet.
 
 use crate::bits::BitImage;
 use crate::components::Components;
@@ -136,11 +137,15 @@ impl Selector {
     ) -> Option<Chosen> {
         accepted.clear();
         refused.clear();
-        self.components.find(evidence.surface, true);
         self.mark_steps(evidence.steps);
         self.mark_continued(evidence);
+        self.components.find(evidence.surface, true);
         self.measure(evidence);
-        let chosen = self.accept(evidence, size)?;
+        let chosen = self.accept(evidence, size).or_else(|| {
+            self.components.find(evidence.sheet_colored, true);
+            self.measure(evidence);
+            self.accept_known(size)
+        })?;
         for run in &self.components.runs {
             let patch = &self.patches[run.component as usize];
             let out = match patch {
@@ -219,6 +224,22 @@ impl Selector {
                 patch.color = color.map_or(0, |k| k as u32 + 1);
             }
         }
+    }
+
+    /// Accepts what was the sheet a frame ago, whatever its depth: pleats and edges that the
+    /// camera looks along have steps everywhere, and yet an outline.
+    fn accept_known(&mut self, size: &SheetSize) -> Option<Chosen> {
+        let known = |p: &Patch| p.pixels >= PATCH_MIN_PX && 2 * p.before > p.pixels;
+        self.patches.iter_mut().for_each(|p| p.accepted = known(p));
+        let accepted = || self.patches.iter().filter(|p| p.accepted);
+        let area_m2: f32 = accepted().map(|p| p.area_m2).sum();
+        let largest = accepted().max_by(|a, b| a.area_m2.total_cmp(&b.area_m2))?;
+        let chosen = Chosen {
+            area_m2,
+            centre_m: largest.centre_m(),
+            nearest_m: accepted().map(|p| p.nearest_m).fold(f32::INFINITY, f32::min),
+        };
+        (size.area_m2_min..=size.area_m2_max).contains(&area_m2).then_some(chosen)
     }
 
     fn accept(&mut self, evidence: &Evidence<'_>, size: &SheetSize) -> Option<Chosen> {

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use orime_geometry::{Edgel, ObservedPoint, RgbdCamera, SheetGrid};
 
-use crate::scores::{self, bending, folded};
+use crate::scores::{self, bending, folded, order};
 use crate::summary::{StageMs, StepScore, Summary, fnv1a};
 
 /// Most points that E, surface distance and planarity are computed from; more are thinned evenly.
@@ -107,6 +107,7 @@ impl Judge {
         score.offset_mm = scores::offset_m(&turned, truth).map(|offset| offset.map(mm));
         score.shape_error_mm = scores::shape_error_m(&turned, truth).map(mm);
         score.e_at_truth_mm = scores::e_m(cloud, truth).map(mm);
+        score.layer_order = Some(order::layer_order(&turned, truth, &self.sheet));
         score.wrinkle_deg = bending::wrinkle_deg(&turned, truth, &self.sheet);
         if let Some(errors) = bending::crease_errors(&turned, truth, &self.sheet) {
             score.crease_angle_error_deg = Some(errors.angle_deg);

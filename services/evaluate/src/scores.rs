@@ -2,6 +2,7 @@
 
 pub mod bending;
 pub mod folded;
+pub mod order;
 
 use orime_geometry::fit::{self, Plane};
 use orime_geometry::nalgebra::Point3;

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::scores::order::LayerOrder;
 use crate::scores::{mean, percentile};
 
 /// Milliseconds that each stage computed in a step.
@@ -74,6 +75,8 @@ pub struct StepScore {
     pub vertex_error_by_layer_mm: [Option<f64>; 4],
     /// Pairs of a mesh edge and a triangle of the tracked sheet that cross.
     pub self_intersections: Option<usize>,
+    /// Nodes and the layers near them, and which lie on the wrong side.
+    pub layer_order: Option<LayerOrder>,
     /// Mean turn of the grid lines where the true sheet is flat, degrees.
     pub wrinkle_deg: Option<f64>,
     /// Mean error of the fold angle at the true creases, degrees.
@@ -140,6 +143,8 @@ pub struct Summary {
     pub vertex_error_by_layer_mm_mean: [Option<f64>; 4],
     /// Steps in which the sheet passes through itself.
     pub self_intersecting_steps: u64,
+    /// [`StepScore::layer_order`] of the last step that has one.
+    pub layer_order_end: Option<LayerOrder>,
     /// Mean of [`StepScore::wrinkle_deg`].
     pub wrinkle_deg_mean: Option<f64>,
     /// Mean of [`StepScore::crease_angle_error_deg`].
@@ -236,6 +241,7 @@ impl Summary {
                 .iter()
                 .filter(|s| s.self_intersections.is_some_and(|n| n > 0))
                 .count() as u64,
+            layer_order_end: steps.iter().rev().find_map(|s| s.layer_order),
             wrinkle_deg_mean: average(|s| s.wrinkle_deg),
             crease_angle_error_deg_mean: average(|s| s.crease_angle_error_deg),
             crease_position_error_mm_mean: average(|s| s.crease_position_error_mm),

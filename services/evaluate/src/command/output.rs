@@ -33,7 +33,8 @@ pub fn write_csv(path: &Path, steps: &[StepScore]) -> anyhow::Result<()> {
          vertex_error_mm_max,offset_x_mm,offset_y_mm,offset_z_mm,shape_error_mm,\
          e_at_truth_mm,chamfer_mm,vertex_error_visible_mm,\
          vertex_error_hidden_mm,wrinkle_deg,crease_angle_error_deg,crease_position_error_mm,\
-         self_intersections,segment_ms,register_ms,simulate_ms,state_hash\n",
+         self_intersections,layer_pairs,layer_pairs_wrong,\
+         segment_ms,register_ms,simulate_ms,state_hash\n",
     );
     for s in steps {
         write!(text, "{},{},{},{}", s.step, s.tracking, s.reset, s.points)?;
@@ -59,6 +60,8 @@ pub fn write_csv(path: &Path, steps: &[StepScore]) -> anyhow::Result<()> {
             s.crease_angle_error_deg,
             s.crease_position_error_mm,
             s.self_intersections.map(|n| n as f64),
+            s.layer_order.map(|order| f64::from(order.pairs)),
+            s.layer_order.map(|order| f64::from(order.wrong)),
         ] {
             match figure {
                 Some(value) => write!(text, ",{value:.4}")?,
@@ -167,6 +170,12 @@ pub fn table(set: &str, summary: &Summary) -> String {
     ];
     lines.extend(truth_lines(summary));
     lines.push(format!("passes through itself      in {} steps", summary.self_intersecting_steps));
+    if let Some(order) = summary.layer_order_end.filter(|order| order.pairs > 0) {
+        lines.push(format!(
+            "layers at the end          {} of {} pairs in the wrong order",
+            order.wrong, order.pairs
+        ));
+    }
     lines.extend(range_lines(summary));
     lines.push(format!(
         "time per step              p50 {} ms, p99 {} ms (segment {:.2}, register {:.2}, \

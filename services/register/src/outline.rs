@@ -18,6 +18,7 @@
 //!
 //! Source: `../shared/design/outline.md`.
 
+mod bends;
 mod cells;
 mod matching;
 mod sample;
@@ -26,6 +27,7 @@ mod view;
 pub(crate) use sample::Sample;
 
 use crate::blend::Blender;
+use bends::Bends;
 use nalgebra::Vector3;
 use orime_creases::Folds;
 use orime_geometry::{Edgel, RgbdCamera, SheetGrid};
@@ -40,6 +42,8 @@ const REACH_PX: [f32; 2] = [12.0, 6.0];
 const CLASSIFY_AT: [u32; 2] = [0, 4];
 /// An edgel this close to the projected border lies on it, pixels.
 const ON_BORDER_PX: f32 = 6.0;
+/// Where border and creases explain less of the contour than this, bends are asked as well.
+const EXPLAINED: f64 = 0.95;
 
 /// A target for one sample, from one camera.
 #[derive(Debug, Clone, Copy)]
@@ -63,6 +67,7 @@ pub(crate) struct Row {
 #[derive(Debug, Clone)]
 pub(crate) struct Outline {
     triangles: Vec<[u32; 3]>,
+    bends: Bends,
     spacing_m: f64,
     controls: [usize; 2],
     /// Border first, then creases.
@@ -80,8 +85,10 @@ impl Outline {
     /// per grid cell.
     pub fn new(sheet: &SheetGrid, controls: [usize; 2], per_cell: usize) -> Self {
         let [h_u, h_v] = sheet.spacing_m();
+        let triangles = sheet.triangles();
         let mut outline = Self {
-            triangles: sheet.triangles(),
+            bends: Bends::of(&triangles),
+            triangles,
             spacing_m: 0.5 * (h_u + h_v) / per_cell as f64,
             controls,
             samples: Vec::new(),
@@ -134,16 +141,26 @@ impl Outline {
         self.positions_m.extend(self.samples.iter().map(|s| s.here.position_m(nodes_m)));
     }
 
-    /// How many of the seen silhouettes lie within [`ON_BORDER_PX`] of the projected border or
-    /// a crease, and how many there are.
+    /// How many of the seen silhouettes lie within [`ON_BORDER_PX`] of the projected border, of a
+    /// crease or of where paper bends out of sight, and how many there are.
     pub fn explained(&mut self, nodes_m: &[[f32; 3]]) -> [usize; 2] {
         self.probes.place(&self.samples, nodes_m);
-        let mut sums = [0, 0];
         for view in &mut self.views {
-            let [near, all] = view.explained(&self.probes, ON_BORDER_PX);
-            sums = [sums[0] + near, sums[1] + all];
+            view.explain(&self.probes, ON_BORDER_PX);
         }
-        sums
+        let sums = self.marked();
+        if (sums[0] as f64) >= EXPLAINED * sums[1] as f64 {
+            return sums;
+        }
+        for view in &mut self.views {
+            view.explain_bends(&self.bends, nodes_m, &self.triangles, ON_BORDER_PX);
+        }
+        self.marked()
+    }
+
+    fn marked(&self) -> [usize; 2] {
+        let counts = self.views.iter().map(View::marked);
+        counts.fold([0, 0], |[near, all], [n, a]| [near + n, all + a])
     }
 
     /// Moves the samples; what `rows` still ask of them is what is left along their normals.

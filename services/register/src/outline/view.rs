@@ -1,5 +1,6 @@
 //! One camera's contour, and which samples it should see as such.
 
+use super::bends::Bends;
 use super::cells::Cells;
 use super::matching::{Candidates, Gather, MARGIN_PX, Mark, Nearest, Silhouette};
 use super::sample::Sample;
@@ -243,16 +244,47 @@ impl View {
         self.rotation.tr_mul(&in_camera)
     }
 
-    /// How many of the seen silhouettes lie within a distance of the projected border or a
-    /// crease, and how many there are.
-    pub fn explained(&mut self, probes: &Probes, within_px: f32) -> [usize; 2] {
+    /// Marks the seen silhouettes within a distance of the projected border or a crease, and no
+    /// others.
+    pub fn explain(&mut self, probes: &Probes, within_px: f32) {
         self.project(probes, 0..3);
-        let cells = &self.cells[0];
         self.marks.clear();
-        self.marks.resize(cells.len() + LANES, 0.0);
+        self.marks.resize(self.cells[0].len() + LANES, 0.0);
+        self.mark(probes.count, within_px);
+    }
+
+    /// Marks those as well that lie where the sheet turns its other side to this camera.
+    pub fn explain_bends(
+        &mut self,
+        bends: &Bends,
+        nodes_m: &[[f32; 3]],
+        triangles: &[[u32; 3]],
+        within_px: f32,
+    ) {
+        let eye_m = self.color_from_world.inverse().translation.vector.cast::<f32>();
+        let joints = bends.seen_from(eye_m, nodes_m, triangles);
+        let at = |share: f32| {
+            joints.iter().map(move |ends_m| {
+                [0, 1, 2].map(|k| (1.0 - share) * ends_m[0][k] + share * ends_m[1][k])
+            })
+        };
+        let mut points_m = Coordinates::default();
+        for (share, projected) in [0.5, 0.0, 1.0].into_iter().zip(&mut self.projected) {
+            points_m.set(at(share));
+            self.buffer.project(&points_m.axes, projected);
+        }
+        self.mark(joints.len(), within_px);
+    }
+
+    /// Marks what lies near the first pieces that are projected.
+    fn mark(&mut self, count: usize, within_px: f32) {
         let [here, before, after, ..] = &self.projected;
-        let (pieces, count) = ([before, here, after], probes.count);
+        let (cells, pieces) = (&self.cells[0], [before, here, after]);
         self.lanes.run(Mark { cells, pieces, count, within_px, marks: &mut self.marks });
-        [self.marks.iter().filter(|mark| **mark > 0.0).count(), cells.len()]
+    }
+
+    /// How many silhouettes are marked, and how many there are.
+    pub fn marked(&self) -> [usize; 2] {
+        [self.marks.iter().filter(|mark| **mark > 0.0).count(), self.cells[0].len()]
     }
 }

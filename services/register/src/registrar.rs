@@ -78,6 +78,9 @@ pub struct RegisterReport {
 /// A pose must beat the current one by this much to replace it: a jump is never taken for noise.
 const BETTER_BY: f64 = 0.1;
 
+/// Share of the points that a pose explains from which it may be the sheet's.
+const HALF: f64 = 0.5;
+
 /// The sheet as it was expected when it was last followed.
 #[derive(Debug, Clone, Default)]
 struct Followed {
@@ -301,7 +304,7 @@ impl Registrar {
         let astray = !report.reset && score.edgels > EDGELS_MIN && score.outlined < OUTLINE_LOST;
         report.tracking = if fit.iterations == 0 || self.strain_usual > STRAIN_LOST || astray {
             Tracking::Lost
-        } else if explains(&score) || score.explained >= 0.5 {
+        } else if explains(&score) || score.explained >= HALF {
             Tracking::Tracking
         } else {
             Tracking::Lost
@@ -425,8 +428,14 @@ impl Registrar {
         report: &mut RegisterReport,
     ) {
         let mut taken = self.nodes_m.clone();
+        // A folded sheet that is half explained where it is has not gone elsewhere: turned over it
+        // may lie as well in the cloud.
+        let is_half = tracked.as_ref().is_some_and(|(_, score)| score.explained >= HALF);
         for moved in [true, false] {
             let found = if moved {
+                if is_half {
+                    continue;
+                }
                 self.followed.elsewhere(&self.points, facets)
             } else {
                 match &self.template_m {
@@ -446,7 +455,7 @@ impl Registrar {
             let score = self.score();
             let is_clearly_better = match tracked {
                 Some((_, current)) => score.value() > current.value() + BETTER_BY,
-                None => score.explained >= 0.5,
+                None => score.explained >= HALF,
             };
             if is_clearly_better && fit.iterations > 0 {
                 *tracked = Some((fit, score));

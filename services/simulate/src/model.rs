@@ -27,7 +27,7 @@ pub struct ModelReport {
     pub simulate: SimulateReport,
     /// What contact did to the state.
     pub contact: ContactReport,
-    /// What the net under it did; `None` where no facet is near another, or for a fresh pose.
+    /// What the net under it did; `None` for a fresh pose, and without contact.
     pub net: Option<NetReport>,
     /// Effects that the scene names and that proved idle in this step, contact among them.
     pub slept: Effects,
@@ -167,8 +167,7 @@ impl SheetModel {
             if folded {
                 report.contact = contact.order.project(&mut self.positions_m, folds);
             }
-            let is_near = !folded || report.contact.rounds > 0;
-            if is_near && pose != NewPose::Fresh {
+            if pose != NewPose::Fresh {
                 report.net = Some(contact.net.catch(&self.before_m, &mut self.positions_m));
             }
             let is_caught = report.net.is_some_and(|net| net.blended > 0);

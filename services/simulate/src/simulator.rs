@@ -6,6 +6,7 @@ mod graphics;
 mod hold;
 mod momentum;
 mod prediction;
+mod relax;
 mod rest;
 
 use crate::contact::{ContactPass, Part};
@@ -103,6 +104,8 @@ pub struct Simulator {
     /// Those of them that can, where the sheet lets them.
     held: Vec<Grip>,
     rest: Rest,
+    /// Whether a correction has strained it since the last step.
+    is_strained: bool,
     /// Usual length of a frame, seconds; 0 before the first.
     period_s: f64,
     prediction: Option<Box<Prediction>>,
@@ -136,6 +139,7 @@ impl Simulator {
             grips: Vec::new(),
             held: Vec::new(),
             rest: Rest::default(),
+            is_strained: false,
             period_s: 0.0,
             prediction: None,
             #[cfg(feature = "gpu")]
@@ -229,19 +233,6 @@ impl Simulator {
     pub fn set_facet_shares(&mut self, shares: &[f32]) {
         self.solver.facet_shares.clear();
         self.solver.facet_shares.extend_from_slice(shares);
-    }
-
-    /// Puts the nodes where something else than the solver wants them, as a part of the last step.
-    /// Velocities are kept.
-    pub fn correct(&mut self, positions_m: &[[f32; 3]]) {
-        let nodes = self.solver.layout.places().zip(positions_m).enumerate();
-        for (node, (place, to)) in nodes {
-            for (axis, to) in to.iter().enumerate() {
-                self.solver.x[axis].rows_mut()[place] = to - self.origin_m[axis];
-                self.world[node][axis] = *to;
-            }
-        }
-        self.folds.observe(&self.world);
     }
 
     /// Node positions, world frame, metres, index order of the sheet.
@@ -340,6 +331,7 @@ impl Simulator {
     fn advance(&mut self, dt_s: f64, taking: &mut Taking<'_>, report: &mut SimulateReport) {
         report.substeps = self.substeps(dt_s);
         let rates = self.begin(dt_s, report);
+        self.relax(&rates);
         let Taking { contact, watch } = taking;
         #[cfg(feature = "gpu")]
         let elsewhere = self.advance_on_gpu(&rates, report.substeps, contact.is_some(), watch);

@@ -194,3 +194,30 @@ fn a_refused_substep_leaves_the_sheet_at_rest_where_it_was() {
     assert_eq!((report.refused, report.substeps), (3, 7));
     assert!(simulator.positions_m() != before, "four were made");
 }
+
+#[test]
+fn what_a_correction_strains_is_no_motion() {
+    let (mut simulator, sheet) = simulator(SimulateParams::default());
+    let (flat, free) = (sheet.flat_m(), vec![0.0; sheet.len()]);
+    simulator.step(1.0 / 30.0, &flat, &free, true);
+    let mut pulled = flat.clone();
+    // A corner and an edge, as contact moves them.
+    for node in [0, 1, 25, 299, 300, 301] {
+        pulled[node][2] += 0.012;
+    }
+    simulator.correct(&pulled);
+    let before = simulator.positions_m().to_vec();
+    let mut moved_m: f32 = 0.0;
+    for _ in 0..4 {
+        simulator.step(1.0 / 30.0, &flat, &free, false);
+        let nodes = simulator.positions_m().iter().zip(&before).enumerate();
+        let others = nodes.filter(|(node, _)| flat[*node] == pulled[*node]);
+        let way = |(a, b): (&[f32; 3], &[f32; 3])| {
+            (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f32>().sqrt()
+        };
+        let sum_m: f32 = others.map(|(_, pair)| way(pair)).sum();
+        moved_m = moved_m.max(sum_m / sheet.len() as f32);
+    }
+    // Without that it is 0.44 mm.
+    assert!(moved_m < 2.5e-4, "the rest moves by {moved_m} m");
+}

@@ -279,6 +279,7 @@ impl Simulator {
             v.rows_mut().fill(0.0);
         }
         self.momentum.forget();
+        self.is_strained = false;
         self.rest.wake();
         if self.folds.facets().len() > 1 {
             self.folds.observe(&self.world);

@@ -9,7 +9,7 @@ const IN_FRONT_M: f64 = 0.0015;
 /// Images for visibility are rendered this much smaller.
 const SHRINK: f64 = 0.5;
 /// Layers farther apart than this are not one stack, metres.
-const STACK_M: f64 = 0.005;
+pub(super) const STACK_M: f64 = 0.005;
 
 /// Whether each node can be seen by at least one camera: inside its colour image, and nothing of
 /// the sheet in front of it. Hands and grippers are not known here, so what they hide counts as

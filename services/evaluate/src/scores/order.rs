@@ -1,11 +1,9 @@
 //! Whether the layers of a folded sheet lie on each other as they should.
 
+use super::folded::STACK_M;
 use orime_geometry::SheetGrid;
 use orime_geometry::nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
-
-/// Layers farther apart than this are not one stack, metres.
-const STACK_M: f64 = 0.005;
 
 /// Farthest that the tracked layers may have slid along each other to be compared, cells.
 const SLID: usize = 2;
